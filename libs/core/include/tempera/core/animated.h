@@ -1,0 +1,126 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Values over time as authored: keys with step, linear or cubic interpolation. Clamped outside the keys, as glTF and
+// Mitsuba do. Times are seconds on the shot's axis.
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "tempera/core/time.h"
+#include "tempera/core/vec.h"
+
+namespace tempera {
+
+enum class Interpolation { kStep, kLinear, kCubic };
+
+namespace detail {
+template <class T>
+T mix(const T& a, const T& b, double s) { return a * float(1 - s) + b * float(s); }
+inline double mix(double a, double b, double s) { return a * (1 - s) + b * s; }
+inline Vec3d mix(const Vec3d& a, const Vec3d& b, double s) { return a * (1 - s) + b * s; }
+inline Quatd mix(const Quatd& a, const Quatd& b, double s) { return slerp(a, b, s); }
+inline std::vector<float> mix(const std::vector<float>& a, const std::vector<float>& b, double s) {
+  std::vector<float> r(a.size());
+  for (std::size_t i = 0; i < r.size(); ++i) r[i] = float(a[i] * (1 - s) + b[i] * s);
+  return r;
+}
+template <class T>
+T hermite(const T& p0, const T& m0, const T& p1, const T& m1, double s) {
+  const double s2 = s * s, s3 = s2 * s;
+  const double a = 2 * s3 - 3 * s2 + 1, b = s3 - 2 * s2 + s, c = -2 * s3 + 3 * s2, d = s3 - s2;
+  using F = std::conditional_t<requires(T t) { t * 1.0; } && !requires(T t) { t.r; }, double, float>;
+  return p0 * F(a) + m0 * F(b) + p1 * F(c) + m1 * F(d);
+}
+inline Vec3f hermite(const Vec3f& p0, const Vec3f& m0, const Vec3f& p1, const Vec3f& m1, double s) {
+  return Vec3f(hermite(Vec3d(p0), Vec3d(m0), Vec3d(p1), Vec3d(m1), s));
+}
+inline Quatd hermite(const Quatd& p0, const Quatd& m0, const Quatd& p1, const Quatd& m1, double s) {
+  const double s2 = s * s, s3 = s2 * s;
+  return normalize(p0 * (2 * s3 - 3 * s2 + 1) + m0 * (s3 - 2 * s2 + s) + p1 * (-2 * s3 + 3 * s2) + m1 * (s3 - s2));
+}
+inline std::vector<float> hermite(const std::vector<float>& p0, const std::vector<float>& m0,
+                                  const std::vector<float>& p1, const std::vector<float>& m1, double s) {
+  std::vector<float> r(p0.size());
+  for (std::size_t i = 0; i < r.size(); ++i) r[i] = hermite(p0[i], m0[i], p1[i], m1[i], s);
+  return r;
+}
+}  // namespace detail
+
+/// A value of type T over time. T is float, double, Vec3f/d, Rgb, Quatd or vector<float> (all of one length).
+template <class T>
+class Animated {
+ public:
+  Animated() = default;
+  Animated(T constant) : values_{std::move(constant)} {}  // NOLINT: a constant is an animation
+  /// Keys at strictly increasing `times`. kCubic takes three values a key (in-tangent, value, out-tangent; tangents are
+  /// per second), as glTF's CUBICSPLINE does; the others one. Pre: times nonempty, sizes match.
+  Animated(std::vector<double> times, std::vector<T> values, Interpolation interpolation)
+      : times_(std::move(times)), values_(std::move(values)), interpolation_(interpolation) {}
+
+  /// Value at time `t` (seconds), clamped to the first and last key.
+  T at(double t) const {
+    if (times_.size() <= 1) return values_.empty() ? T{} : value(0);
+    if (t <= times_.front()) return value(0);
+    if (t >= times_.back()) return value(times_.size() - 1);
+    const std::size_t i = std::size_t(std::upper_bound(times_.begin(), times_.end(), t) - times_.begin()) - 1;
+    if (interpolation_ == Interpolation::kStep) return value(i);
+    const double dt = times_[i + 1] - times_[i], s = (t - times_[i]) / dt;
+    if (interpolation_ == Interpolation::kLinear) return detail::mix(value(i), value(i + 1), s);
+    return detail::hermite(value(i), scaled(values_[3 * i + 2], dt), value(i + 1), scaled(values_[3 * i + 3], dt), s);
+  }
+
+  bool is_constant() const { return times_.size() <= 1; }
+  /// Whether the value can change within `span`: keys exist on both sides of some instant in it.
+  bool varies_over(TimeSpan span) const {
+    return times_.size() > 1 && span.end > times_.front() && span.begin < times_.back();
+  }
+  const std::vector<double>& times() const { return times_; }
+  const std::vector<T>& values() const { return values_; }
+  Interpolation interpolation() const { return interpolation_; }
+  /// Value of key i (the middle one of a cubic key's three).
+  const T& value(std::size_t i) const { return values_[interpolation_ == Interpolation::kCubic && !times_.empty() ? 3 * i + 1 : i]; }
+
+ private:
+  static T scaled(const T& m, double dt) {
+    if constexpr (requires { m.size(); }) {
+      T r = m;
+      for (auto& x : r) x = decltype(+x)(x * dt);
+      return r;
+    } else if constexpr (requires { m * 1.0; } && !requires { m.r; } && !std::is_same_v<T, Vec3f>) {
+      return T(m * dt);
+    } else {
+      return m * float(dt);
+    }
+  }
+  std::vector<double> times_;
+  std::vector<T> values_;
+  Interpolation interpolation_ = Interpolation::kLinear;
+};
+
+/// Translation, rotation and scale over time, or a constant affine map (for what TRS cannot say, e.g. shear).
+struct AnimatedTransform {
+  Affine3d matrix;  ///< used when `keyed` is false
+  bool keyed = false;
+  Animated<Vec3d> translation{Vec3d{0, 0, 0}};
+  Animated<Quatd> rotation{Quatd{}};
+  Animated<Vec3d> scale{Vec3d{1, 1, 1}};
+
+  AnimatedTransform() = default;
+  AnimatedTransform(const Affine3d& m) : matrix(m) {}  // NOLINT: a constant is an animation
+  Affine3d at(double t) const {
+    if (!keyed) return matrix;
+    Affine3d m = tempera::rotation(normalize(rotation.at(t)));
+    const Vec3d s = scale.at(t);
+    m.x *= s.x, m.y *= s.y, m.z *= s.z;
+    m.translation = translation.at(t);
+    return m;
+  }
+  bool is_constant() const {
+    return !keyed || (translation.is_constant() && rotation.is_constant() && scale.is_constant());
+  }
+  bool varies_over(TimeSpan span) const {
+    return keyed && (translation.varies_over(span) || rotation.varies_over(span) || scale.varies_over(span));
+  }
+};
+
+}  // namespace tempera

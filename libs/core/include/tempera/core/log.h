@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Messages for people: levels on standard error, and a collector that turns repeated warnings into one line with a count.
+#include <map>
+#include <mutex>
+#include <string>
+
+#include "tempera/core/error.h"
+
+namespace tempera {
+
+enum class LogLevel { kQuiet, kWarning, kInfo, kDebug };
+
+/// The level below which messages are dropped. The one process-wide setting: where messages go is not part of a result.
+void set_log_level(LogLevel level);
+LogLevel log_level();
+/// Writes one line to standard error (flushed at once) if `level` is enabled. Threads: safe.
+void log(LogLevel level, const std::string& message);
+inline void log_warning(const std::string& m) { log(LogLevel::kWarning, m); }
+inline void log_info(const std::string& m) { log(LogLevel::kInfo, m); }
+inline void log_debug(const std::string& m) { log(LogLevel::kDebug, m); }
+
+/// Collects what an input asks for and this program lacks: one line per kind with its count and first place.
+/// Threads: safe.
+class Warnings {
+ public:
+  /// Notes one occurrence. `what` identifies the kind, e.g. "texture filter \"ewa\" is treated as bilinear".
+  void add(const std::string& what, const SourceLoc& loc);
+  bool empty() const;
+  /// Logs "what (N times, first at loc)" per kind in alphabetical order and forgets them.
+  /// Errors: with `strict`, throws Error{kUnsupported} at the first place of the first kind instead.
+  void report(bool strict = false);
+
+ private:
+  struct Entry {
+    int count = 0;
+    SourceLoc first;
+  };
+  mutable std::mutex mutex_;
+  std::map<std::string, Entry> entries_;
+};
+
+}  // namespace tempera

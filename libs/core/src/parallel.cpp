@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/core/parallel.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/global_control.h>
+#include <tbb/info.h>
+#include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
+#if defined(__SSE__)
+#include <immintrin.h>
+#endif
+
+namespace tempera {
+
+void with_threads(int threads, const std::function<void()>& body) {
+  const int n = threads > 0 ? threads : tbb::info::default_concurrency();
+  const tbb::global_control allow(tbb::global_control::max_allowed_parallelism, std::size_t(n));
+  tbb::task_arena arena(n);
+  arena.execute(body);
+}
+
+int thread_count() { return tbb::this_task_arena::max_concurrency(); }
+
+void parallel_for(std::int64_t begin, std::int64_t end, const std::function<void(std::int64_t)>& body,
+                  std::int64_t grain) {
+  tbb::parallel_for(
+      tbb::blocked_range<std::int64_t>(begin, end, std::size_t(grain)),
+      [&](const tbb::blocked_range<std::int64_t>& r) {
+        const FlushDenormals flush;
+        for (std::int64_t i = r.begin(); i != r.end(); ++i) body(i);
+      },
+      tbb::simple_partitioner());
+}
+
+#if defined(__SSE__)
+FlushDenormals::FlushDenormals() : saved_(_mm_getcsr()) { _mm_setcsr(saved_ | 0x8040u); }
+FlushDenormals::~FlushDenormals() { _mm_setcsr(saved_); }
+#else
+FlushDenormals::FlushDenormals() : saved_(0) {}
+FlushDenormals::~FlushDenormals() = default;
+#endif
+
+}  // namespace tempera

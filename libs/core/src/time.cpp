@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/core/time.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <unordered_set>
+
+#include "tempera/core/error.h"
+
+namespace tempera {
+
+double Shutter::warp(double u) const {
+  switch (shape) {
+    case ShutterShape::kBox: return u;
+    case ShutterShape::kTrapezoid: {  // area: ramps count half
+      const double a = std::clamp(ramp_in, 0.0, 1.0), b = std::clamp(ramp_out, 0.0, 1.0 - a);
+      const double total = 1 - 0.5 * (a + b), y = u * total;
+      if (y < 0.5 * a) return std::sqrt(2 * a * y);
+      if (y > total - 0.5 * b) return 1 - std::sqrt(std::max(0.0, 2 * b * (total - y)));
+      return y + 0.5 * a;
+    }
+    case ShutterShape::kCurve: {
+      if (curve.size() < 2) return u;
+      double total = 0;
+      for (std::size_t i = 0; i + 1 < curve.size(); ++i) total += 0.5 * (double(curve[i]) + curve[i + 1]);
+      if (!(total > 0)) return u;
+      double y = u * total;
+      const double n = double(curve.size() - 1);
+      for (std::size_t i = 0; i + 1 < curve.size(); ++i) {
+        const double c0 = curve[i], c1 = curve[i + 1], area = 0.5 * (c0 + c1);
+        if (y <= area && area > 0) {  // solve c0 s + (c1 - c0) s^2 / 2 = y
+          const double root = c0 + std::sqrt(std::max(0.0, c0 * c0 + 2 * (c1 - c0) * y));
+          const double s = root > 0 ? 2 * y / root : 0;
+          return (double(i) + std::clamp(s, 0.0, 1.0)) / n;
+        }
+        y -= area;
+      }
+      return 1;
+    }
+  }
+  return u;
+}
+
+TimeSpan FrameClock::exposure(int frame) const {
+  const double rolling = std::abs(shutter.rolling);
+  const double t = time(frame), d = frame_duration();
+  return {t + shutter.open * d, t + (std::max(shutter.open, shutter.close) + rolling) * d};
+}
+
+double FrameClock::exposure_time(int frame, double u, double v) const {
+  const double s = shutter.open + (shutter.close - shutter.open) * shutter.warp(u);
+  const double delay = shutter.rolling >= 0 ? shutter.rolling * v : -shutter.rolling * (1 - v);
+  return time(frame) + (s + delay) * frame_duration();
+}
+
+static int parse_int(std::string_view& s, std::string_view whole) {
+  while (!s.empty() && s.front() == ' ') s.remove_prefix(1);
+  if (!s.empty() && s.front() == '+') s.remove_prefix(1);
+  int v = 0;
+  const auto [end, ec] = std::from_chars(s.data(), s.data() + s.size(), v);
+  if (ec != std::errc()) {
+    throw Error(ErrorCode::kUsage,
+                fmt::format("cannot read frames \"{}\"; write for example 1-24, 1..24, 1-100x2 or 1,5,10-20", whole));
+  }
+  s.remove_prefix(std::size_t(end - s.data()));
+  while (!s.empty() && s.front() == ' ') s.remove_prefix(1);
+  return v;
+}
+
+std::vector<int> parse_frame_set(std::string_view text) {
+  std::vector<int> frames;
+  std::unordered_set<int> seen;
+  std::string_view rest = text;
+  constexpr long kMaxFrames = 10'000'000;
+  for (;;) {
+    const int first = parse_int(rest, text);
+    int last = first, step = 1;
+    if (rest.starts_with("..") || rest.starts_with("-")) {
+      rest.remove_prefix(rest.front() == '.' ? 2 : 1);
+      last = parse_int(rest, text);
+      if (!rest.empty() && (rest.front() == 'x' || rest.front() == ':')) {
+        rest.remove_prefix(1);
+        step = parse_int(rest, text);
+        if (step < 1) throw Error(ErrorCode::kUsage, fmt::format("frame step {} in \"{}\" must be at least 1", step, text));
+      }
+    }
+    if (last < first) {
+      throw Error(ErrorCode::kUsage, fmt::format("frame range {}-{} in \"{}\" runs backwards", first, last, text));
+    }
+    if ((long(last) - first) / step + long(frames.size()) >= kMaxFrames) {
+      throw Error(ErrorCode::kUsage, fmt::format("\"{}\" names more than {} frames", text, kMaxFrames));
+    }
+    for (long f = first; f <= last; f += step) {
+      if (seen.insert(int(f)).second) frames.push_back(int(f));
+    }
+    if (rest.empty()) return frames;
+    if (rest.front() != ',') parse_int(rest = rest.substr(0, 0), text);  // reports the whole text
+    rest.remove_prefix(1);
+  }
+}
+
+namespace {
+struct Token {
+  std::size_t begin = std::string_view::npos, length = 0;
+  int width = 0;
+};
+
+Token find_token(std::string_view pattern) {
+  const auto slash = pattern.rfind('/');
+  const std::size_t from = slash == std::string_view::npos ? 0 : slash + 1;
+  const auto hash = pattern.find('#', from);
+  if (hash != std::string_view::npos) {
+    std::size_t end = hash;
+    while (end < pattern.size() && pattern[end] == '#') ++end;
+    return {hash, end - hash, int(end - hash)};
+  }
+  for (std::size_t i = from; i + 1 < pattern.size(); ++i) {
+    std::size_t j = i + 1;
+    if (pattern[i] == '%') {
+      int width = 0;
+      while (j < pattern.size() && std::isdigit(static_cast<unsigned char>(pattern[j])) && width < 20) {
+        width = width * 10 + (pattern[j++] - '0');
+      }
+      if (j < pattern.size() && pattern[j] == 'd' && width <= 20) return {i, j + 1 - i, width};
+    } else if (pattern[i] == '$' && pattern[j] == 'F') {
+      ++j;
+      int width = 0;
+      if (j < pattern.size() && std::isdigit(static_cast<unsigned char>(pattern[j]))) width = pattern[j++] - '0';
+      return {i, j - i, width};
+    }
+  }
+  return {};
+}
+}  // namespace
+
+bool has_frame_pattern(std::string_view pattern) { return find_token(pattern).length > 0; }
+
+std::string frame_path(std::string_view pattern, int frame) {
+  const Token t = find_token(pattern);
+  if (t.length == 0) {
+    const auto slash = pattern.rfind('/');
+    auto dot = pattern.rfind('.');
+    if (dot == std::string_view::npos || (slash != std::string_view::npos && dot < slash)) dot = pattern.size();
+    return frame_path(std::string(pattern.substr(0, dot)) + ".####" + std::string(pattern.substr(dot)), frame);
+  }
+  const std::string sign = frame < 0 ? "-" : "";
+  const std::string digits = fmt::format("{:0{}d}", std::abs(long(frame)), std::max(1, t.width - int(sign.size())));
+  return std::string(pattern.substr(0, t.begin)) + sign + digits + std::string(pattern.substr(t.begin + t.length));
+}
+
+}  // namespace tempera

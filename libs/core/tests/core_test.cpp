@@ -1,0 +1,140 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <gtest/gtest.h>
+
+#include <atomic>
+
+#include "tempera/core/animated.h"
+#include "tempera/core/error.h"
+#include "tempera/core/parallel.h"
+#include "tempera/core/params.h"
+#include "tempera/core/time.h"
+#include "tempera/core/vec.h"
+
+namespace tempera {
+namespace {
+
+TEST(FrameSet, ReadsAllFourSpellings) {
+  EXPECT_EQ(parse_frame_set("1-4"), (std::vector{1, 2, 3, 4}));
+  EXPECT_EQ(parse_frame_set("1..4"), (std::vector{1, 2, 3, 4}));
+  EXPECT_EQ(parse_frame_set("1-10x3"), (std::vector{1, 4, 7, 10}));
+  EXPECT_EQ(parse_frame_set("1-10:3"), (std::vector{1, 4, 7, 10}));
+  EXPECT_EQ(parse_frame_set("5,1001, 7-8,5"), (std::vector{5, 1001, 7, 8}));
+  EXPECT_EQ(parse_frame_set("-3--1"), (std::vector{-3, -2, -1}));
+}
+
+TEST(FrameSet, RejectsWhatItCannotRead) {
+  for (const char* bad : {"", "a", "1-", "4-1", "1-4x0", "1,,2", "1;2", "1-999999999"}) {
+    try {
+      parse_frame_set(bad);
+      ADD_FAILURE() << "accepted \"" << bad << "\"";
+    } catch (const Error& e) {
+      EXPECT_EQ(exit_status(e.code()), 2) << bad;
+    }
+  }
+}
+
+TEST(FramePath, PadsAndSigns) {
+  EXPECT_EQ(frame_path("out/f.####.exr", 7), "out/f.0007.exr");
+  EXPECT_EQ(frame_path("out/f.%04d.exr", 1001), "out/f.1001.exr");
+  EXPECT_EQ(frame_path("out/f.$F4.exr", 12345), "out/f.12345.exr");
+  EXPECT_EQ(frame_path("a#b/f", 3), "a#b/f.0003");
+  EXPECT_EQ(frame_path("f_##_.exr", -3), "f_-3_.exr");
+  EXPECT_EQ(frame_path("f.exr", 3), "f.0003.exr");
+}
+
+TEST(Shutter, WarpFollowsTheShape) {
+  for (const ShutterShape shape : {ShutterShape::kBox, ShutterShape::kTrapezoid, ShutterShape::kCurve}) {
+    Shutter s;
+    s.shape = shape;
+    s.curve = {0, 1, 1, 0};
+    s.ramp_in = s.ramp_out = 1.0 / 3;
+    // Cumulative distribution of the trapezoid with ramps of a third: the curve above is the same shape.
+    const auto cdf = [&](double x) {
+      if (shape == ShutterShape::kBox) return x;
+      const double y = x < 1.0 / 3 ? 1.5 * x * x : x > 2.0 / 3 ? 2.0 / 3 - 1.5 * (1 - x) * (1 - x) : x - 1.0 / 6;
+      return y / (2.0 / 3);
+    };
+    for (double u = 0; u < 1; u += 0.03125) EXPECT_NEAR(cdf(s.warp(u)), u, 1e-12);
+  }
+}
+
+TEST(Animated, InterpolatesAndClamps) {
+  const Animated<float> linear({1, 3}, {10, 20}, Interpolation::kLinear);
+  EXPECT_EQ(linear.at(0), 10);
+  EXPECT_EQ(linear.at(2), 15);
+  EXPECT_EQ(linear.at(9), 20);
+  const Animated<float> step({1, 3}, {10, 20}, Interpolation::kStep);
+  EXPECT_EQ(step.at(2.99), 10);
+  EXPECT_EQ(step.at(3), 20);
+  // x(t) = t^3 on [0,2]: Hermite interpolation is exact for cubics.
+  const Animated<double> cubic({0, 2}, {0, 0, 0, 12, 8, 12}, Interpolation::kCubic);
+  for (double t = 0; t <= 2; t += 0.25) EXPECT_NEAR(cubic.at(t), t * t * t, 1e-12);
+}
+
+TEST(Animated, RotatesAlongTheShorterArc) {
+  const Quatd a = axis_angle(Vec3d{0, 0, 1}, 0.0), b = -axis_angle(Vec3d{0, 0, 1}, kPiD / 2);
+  const Animated<Quatd> r({0, 1}, {a, b}, Interpolation::kLinear);
+  const Vec3d v = rotation(r.at(0.5)).vector({1, 0, 0});
+  EXPECT_NEAR(v.x, std::sqrt(0.5), 1e-12);
+  EXPECT_NEAR(v.y, std::sqrt(0.5), 1e-12);
+}
+
+TEST(Affine, InverseAndQuaternionRoundTrip) {
+  const Quatd q = normalize(Quatd{0.3, -0.5, 0.7, 0.2});
+  Affine3d m = rotation(q);
+  const Quatd back = quaternion(m);
+  EXPECT_NEAR(std::abs(dot(q, back)), 1, 1e-12);
+  m.translation = {1, 2, 3};
+  m.x *= 3.0;
+  const Vec3d p{0.4, -2, 5};
+  EXPECT_NEAR(length(inverse(m).point(m.point(p)) - p), 0, 1e-12);
+}
+
+TEST(Basis, IsOrthonormalForAllNormals) {
+  for (int i = 0; i < 1000; ++i) {
+    const float z = 1 - 2 * (float(i) + 0.5f) / 1000, phi = 2.4f * float(i), r = std::sqrt(1 - z * z);
+    const Basis b(Vec3f{r * std::cos(phi), r * std::sin(phi), z});
+    EXPECT_NEAR(dot(b.s, b.t), 0, 1e-6);
+    EXPECT_NEAR(length(cross(b.s, b.t) - b.n), 0, 1e-6);
+  }
+}
+
+TEST(Params, ReportsNameTypeAndRange) {
+  const std::vector<ParamSpec> table{{"spp", 16, "samples", 1, 1e6}, {"filter", std::string("box"), "filter", 0, 0, {"box", "tent"}}};
+  Params p(table);
+  p.set_text("spp", "64");
+  EXPECT_EQ(p.get_int("spp"), 64);
+  EXPECT_EQ(p.canonical(), "spp=64,filter=box");
+  const auto code = [&](const char* name, const char* text) {
+    try {
+      p.set_text(name, text, {"shot.toml", 3, 5});
+    } catch (const Error& e) {
+      EXPECT_EQ(e.loc().line, 3);
+      return e.code();
+    }
+    return ErrorCode::kFailed;
+  };
+  EXPECT_EQ(code("sp", "1"), ErrorCode::kUnknownName);
+  EXPECT_EQ(code("spp", "1.5"), ErrorCode::kBadInput);
+  EXPECT_EQ(code("spp", "0"), ErrorCode::kOutOfRange);
+  EXPECT_EQ(code("filter", "bix"), ErrorCode::kUnknownName);
+}
+
+TEST(Parallel, VisitsEveryIndexOnceWithMoreThreadsThanCores) {
+  for (const int threads : {1, 2, 7}) {
+    std::vector<std::atomic<int>> hits(10000);
+    with_threads(threads, [&] { parallel_for(0, 10000, [&](std::int64_t i) { ++hits[std::size_t(i)]; }, 16); });
+    for (const auto& h : hits) EXPECT_EQ(h, 1);
+  }
+}
+
+TEST(Error, LocatesAndShowsExitStatus) {
+  const SourceLoc loc = locate("f", "ab\ncd\nef", 4);
+  EXPECT_EQ(loc.line, 2);
+  EXPECT_EQ(loc.column, 2);
+  EXPECT_EQ(Error(ErrorCode::kSyntax, loc, "bad").what(), std::string("f:2:2: bad"));
+  EXPECT_EQ(exit_status(ErrorCode::kMissingFile), 4);
+}
+
+}  // namespace
+}  // namespace tempera
