@@ -9,13 +9,21 @@
 namespace tempera {
 
 static std::atomic<LogLevel> g_level{LogLevel::kInfo};
+static std::mutex g_writer_mutex;
+static std::function<void(std::string_view)> g_writer;
 
 void set_log_level(LogLevel level) { g_level = level; }
 LogLevel log_level() { return g_level; }
+void set_log_writer(std::function<void(std::string_view)> writer) {
+  const std::scoped_lock lock(g_writer_mutex);
+  g_writer = std::move(writer);
+}
 
 void log(LogLevel level, const std::string& message) {
   if (level > g_level.load() || level == LogLevel::kQuiet) return;
   const std::string line = (level == LogLevel::kWarning ? "warning: " : "") + message + "\n";
+  const std::scoped_lock lock(g_writer_mutex);
+  if (g_writer) return g_writer(line);
   std::fwrite(line.data(), 1, line.size(), stderr);
   std::fflush(stderr);
 }
@@ -31,17 +39,26 @@ bool Warnings::empty() const {
   return entries_.empty();
 }
 
-void Warnings::report(bool strict) {
+std::vector<std::string> Warnings::lines() const {
   const std::scoped_lock lock(mutex_);
-  if (strict && !entries_.empty()) {
-    const auto& [what, e] = *entries_.begin();
-    throw Error(ErrorCode::kUnsupported, e.first, what + " (an error under --strict)");
-  }
+  std::vector<std::string> out;
   for (const auto& [what, e] : entries_) {
     const std::string place = e.first.file.empty() ? "" : (e.count > 1 ? ", first at " : "at ") + e.first.str();
     const std::string count = e.count > 1 ? fmt::format("{} times", e.count) : "";
     const std::string detail = count + place;
-    log_warning(detail.empty() ? what : what + " (" + detail + ")");
+    out.push_back(detail.empty() ? what : what + " (" + detail + ")");
+  }
+  return out;
+}
+
+void Warnings::report(bool strict) {
+  for (const std::string& line : lines()) {
+    if (!strict) log_warning(line);
+  }
+  const std::scoped_lock lock(mutex_);
+  if (strict && !entries_.empty()) {
+    const auto& [what, e] = *entries_.begin();
+    throw Error(ErrorCode::kUnsupported, e.first, what + " (an error under --strict)");
   }
   entries_.clear();
 }

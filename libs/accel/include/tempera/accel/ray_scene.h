@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// A scene resampled over one span of time for ray queries, and points that stay glued to its matter.
+//
+// All motion is resampled to knots on one global grid of the shot's axis (`motion_step` seconds apart, knot k at k * step):
+// deforming vertices and skins are linear between knots, rigid motion is interpolated as translation, rotation (slerp) and
+// upper-triangular scale. Hits, normals, light samples and motion vectors all use that same resampled motion, and two
+// RaySceneS over different spans of one shot agree exactly, because the grid does not depend on the span.
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "tempera/core/time.h"
+#include "tempera/core/vec.h"
+#include "tempera/scene/scene.h"
+
+namespace tempera {
+
+/// Bounds of a ray query. `d` need not be unit length; hits are at o + t d with tmin < t < tmax.
+struct Ray {
+  Vec3f o, d;
+  float tmin = 0, tmax = kInfinity;
+  double time = 0;  ///< seconds; must lie in the RayScene's ray span
+};
+
+/// A point glued to matter: re-evaluable at any time of the evaluation span.
+struct SurfacePoint {
+  std::uint32_t instance = 0;   ///< Scene::instances index
+  std::uint32_t shape = 0;      ///< Scene::shapes index
+  std::uint32_t primitive = 0;  ///< triangle of a mesh; 0 for analytic shapes
+  float u = 0, v = 0;           ///< triangle barycentrics of vertices 1 and 2; analytic shapes: their uv
+  bool operator==(const SurfacePoint&) const = default;
+};
+
+struct Hit {
+  SurfacePoint point;
+  float t = 0;
+};
+
+/// How a surface point moves and curves: world space, per second.
+struct SurfaceMotion {
+  Vec3f p, n;        ///< position and unit shading normal
+  Vec3f dpdt, dndt;  ///< with the material coordinates held fixed
+};
+
+struct RaySceneOptions {
+  double motion_step = 1.0 / 96;  ///< seconds between knots of the resampling grid, > 0
+  bool robust = false;            ///< Embree's watertight mode, about 5 % slower
+};
+
+class RayScene;
+
+/// Embree geometry of matter that does not move, shared by the RayScenes of a sequence.
+class GeometryCache {
+ public:
+  GeometryCache();
+  ~GeometryCache();
+  GeometryCache(const GeometryCache&) = delete;
+  GeometryCache& operator=(const GeometryCache&) = delete;
+
+ private:
+  friend class RayScene;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Threads: const queries are re-entrant.
+class RayScene {
+ public:
+  /// Builds for rays with times in `rays`; points can be evaluated over `evaluation`, which includes `rays`.
+  /// Errors: Error{kOutOfRange} if the span needs more than 128 motion segments; Error{kOutOfMemory}.
+  /// `scene` and `cache` must outlive this.
+  RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const RaySceneOptions& options, GeometryCache& cache);
+  ~RayScene();
+  RayScene(RayScene&&) noexcept;
+  RayScene(const RayScene&) = delete;
+  RayScene& operator=(const RayScene&) = delete;
+
+  std::optional<Hit> intersect(const Ray& ray) const;
+  /// Whether anything lies within (tmin, tmax). Surfaces with opacity below 1 count as opaque here.
+  bool occluded(const Ray& ray) const;
+
+  /// Everything a material needs at `point` at time `t`, seen from unit direction `wo`.
+  ShadingPoint shading_point(const SurfacePoint& point, double t, const Vec3f& wo) const;
+  /// World position alone, and the unit geometric normal if `ng` is not null.
+  Vec3f position(const SurfacePoint& point, double t, Vec3f* ng = nullptr) const;
+  SurfaceMotion motion(const SurfacePoint& point, double t) const;
+  /// World area of triangle `primitive` of a mesh shape at time t, with its unit geometric normal.
+  float triangle_area(std::uint32_t instance, std::uint32_t shape, std::uint32_t primitive, double t) const;
+  /// World transform of an instance's shapes (identity where it is baked into the vertices) at time t.
+  Affine3f world_from_object(std::uint32_t instance, std::uint32_t shape, double t) const;
+
+  const Shape& shape(const SurfacePoint& point) const { return scene().shapes[point.shape]; }
+  /// Whether any material in the scene lets light pass straight through.
+  bool has_opacity() const;
+  const Scene& scene() const;
+  TimeSpan rays() const;
+  Bounds3f bounds() const;
+  /// Largest distance between the resampled motion and the scene's own, measured midway between knots (metres).
+  float resampling_error() const;
+  /// Origin for a ray that leaves the surface at `p` towards `d`: moved off the surface by its numerical uncertainty.
+  Vec3f offset_origin(const Vec3f& p, const Vec3f& ng, const Vec3f& d) const;
+  /// Bytes held by Embree and by vertex buffers of this RayScene and its cache.
+  std::uint64_t memory() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace tempera

@@ -1,0 +1,96 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "analytic.h"
+
+#include <cmath>
+
+namespace tempera::analytic {
+
+static float turn(double y, double x) {  // angle / 2pi in [0,1)
+  const double a = std::atan2(y, x) / (2 * kPiD);
+  return float(a < 0 ? a + 1 : a);
+}
+
+std::optional<UnitHit> intersect(Kind kind, const Vec3d& o, const Vec3d& d, double tmin, double tmax) {
+  if (kind == Kind::kDisk) {
+    const double t = -o.z / d.z;
+    if (!(t > tmin && t < tmax)) return std::nullopt;
+    const Vec3d p = o + d * t;
+    const double r2 = p.x * p.x + p.y * p.y;
+    if (r2 > 1) return std::nullopt;
+    return UnitHit{t, float(std::sqrt(r2)), turn(p.y, p.x)};
+  }
+  const bool sphere = kind == Kind::kSphere;
+  const double a = d.x * d.x + d.y * d.y + (sphere ? d.z * d.z : 0);
+  const double b = o.x * d.x + o.y * d.y + (sphere ? o.z * d.z : 0);
+  const double c = o.x * o.x + o.y * o.y + (sphere ? o.z * o.z : 0) - 1;
+  const double discriminant = b * b - a * c;
+  if (!(discriminant >= 0) || a == 0) return std::nullopt;
+  const double q = -(b + std::copysign(std::sqrt(discriminant), b));
+  double t0 = q / a, t1 = q != 0 ? c / q : t0;
+  if (t0 > t1) std::swap(t0, t1);
+  for (const double t : {t0, t1}) {
+    if (!(t > tmin && t < tmax)) continue;
+    const Vec3d p = o + d * t;
+    if (sphere) return UnitHit{t, turn(p.y, p.x), float(std::acos(std::clamp(p.z, -1.0, 1.0)) / kPiD)};
+    if (p.z >= 0 && p.z <= 1) return UnitHit{t, turn(p.y, p.x), float(p.z)};
+  }
+  return std::nullopt;
+}
+
+UnitPoint evaluate(Kind kind, float u, float v) {
+  UnitPoint r;
+  constexpr double two_pi = 2 * kPiD;
+  if (kind == Kind::kSphere) {
+    const double phi = two_pi * u, theta = kPiD * v;
+    const double cp = std::cos(phi), sp = std::sin(phi), ct = std::cos(theta), st = std::sin(theta);
+    r.n = r.p = Vec3f(Vec3d{st * cp, st * sp, ct});
+    r.dndu = r.dpdu = Vec3f(Vec3d{-st * sp, st * cp, 0} * two_pi);
+    r.dndv = r.dpdv = Vec3f(Vec3d{ct * cp, ct * sp, -st} * kPiD);
+  } else if (kind == Kind::kDisk) {
+    const double phi = two_pi * v, cp = std::cos(phi), sp = std::sin(phi);
+    r.p = Vec3f(Vec3d{u * cp, u * sp, 0});
+    r.n = {0, 0, 1};
+    r.dpdu = Vec3f(Vec3d{cp, sp, 0});
+    r.dpdv = Vec3f(Vec3d{-sp, cp, 0} * (two_pi * u));
+  } else {
+    const double phi = two_pi * u, cp = std::cos(phi), sp = std::sin(phi);
+    r.p = Vec3f(Vec3d{cp, sp, double(v)});
+    r.n = Vec3f(Vec3d{cp, sp, 0});
+    r.dndu = r.dpdu = Vec3f(Vec3d{-sp, cp, 0} * two_pi);
+    r.dpdv = {0, 0, 1};
+  }
+  return r;
+}
+
+Vec2f parametrize(Kind kind, const Vec3f& p) {
+  const float phi = turn(p.y, p.x);
+  if (kind == Kind::kSphere) return {phi, std::acos(std::clamp(p.z, -1.0f, 1.0f)) * kInvPi};
+  if (kind == Kind::kDisk) return {std::sqrt(p.x * p.x + p.y * p.y), phi};
+  return {phi, p.z};
+}
+
+Bounds3f unit_bounds(Kind kind) {
+  Bounds3f b;
+  b.extend(Vec3f{-1, -1, kind == Kind::kSphere ? -1.0f : 0.0f});
+  b.extend(Vec3f{1, 1, kind == Kind::kDisk ? 0.0f : 1.0f});
+  return b;
+}
+
+float unit_area(Kind kind) {
+  return kind == Kind::kSphere ? 4 * kPi : kind == Kind::kDisk ? kPi : 2 * kPi;
+}
+
+Vec3f sample(Kind kind, const Vec2f& u) {
+  const float phi = 2 * kPi * u.x, c = std::cos(phi), s = std::sin(phi);
+  if (kind == Kind::kSphere) {
+    const float z = 1 - 2 * u.y, r = std::sqrt(std::max(0.0f, 1 - z * z));
+    return {r * c, r * s, z};
+  }
+  if (kind == Kind::kDisk) {
+    const float r = std::sqrt(u.y);
+    return {r * c, r * s, 0};
+  }
+  return {c, s, u.y};
+}
+
+}  // namespace tempera::analytic

@@ -1,0 +1,893 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/accel/ray_scene.h"
+
+#include <embree3/rtcore.h>
+#include <fmt/format.h>
+
+#include <atomic>
+#include <cstring>
+#include <map>
+#include <set>
+
+#include "analytic.h"
+#include "motion.h"
+#include "tempera/core/error.h"
+#include "tempera/core/parallel.h"
+#include "tempera/scene/deform.h"
+
+namespace tempera {
+
+namespace {
+
+constexpr std::int64_t kMaxSegments = 128;  // Embree: at most 129 time steps per geometry
+
+const Mesh* as_mesh(const Shape& s) { return std::get_if<Mesh>(&s.geometry); }
+
+struct AnalyticShape {
+  analytic::Kind kind;
+  Affine3f object_from_unit;
+  bool flip = false;
+};
+AnalyticShape as_analytic(const Shape& s) {
+  if (const auto* x = std::get_if<Sphere>(&s.geometry)) return {analytic::Kind::kSphere, x->object_from_unit, x->flip_normals};
+  if (const auto* x = std::get_if<Disk>(&s.geometry)) return {analytic::Kind::kDisk, x->object_from_unit, x->flip_normals};
+  const auto& x = std::get<Cylinder>(s.geometry);
+  return {analytic::Kind::kCylinder, x.object_from_unit, x.flip_normals};
+}
+
+/// Vertices of one mesh as Embree sees them at one knot. Spans point into the mesh itself where nothing changes them.
+struct KnotVertices {
+  std::vector<Vec3f> own_positions, own_normals;
+  const Vec3f* positions = nullptr;
+  const Vec3f* normals = nullptr;  // null: flat shading
+};
+
+/// How matter is handed to Embree.
+enum class Placement : std::uint8_t {
+  kStatic,      // never moves in the whole shot and is used once: vertices in world space
+  kInstanced,   // rigid motion, or one of several copies: object-space geometry under an Embree instance
+  kDeforming,   // vertices change over time: world-space vertices at each knot
+};
+
+/// One shape at one place (or, for instanced placement, one shape in object space).
+struct PlacedShape {
+  std::uint32_t instance = 0, shape = 0;
+  Placement placement = Placement::kStatic;
+  const Mesh* mesh = nullptr;        // null: analytic
+  AnalyticShape analytic{};          // object_from_unit already in the frame that Embree sees
+  Affine3f unit_from_object;
+  bool mirrored = false;             // vertices were moved by a mirroring map: winding shows the back
+  std::vector<KnotVertices> knots;   // 1 for non-deforming meshes
+  std::int64_t first_knot = 0;       // of `knots`, deforming only
+  std::vector<MeshPose> poses;       // deforming: at every knot of the evaluation span
+  std::vector<Affine3f> pose_world;  // world of the instance's node at those knots
+  std::int64_t first_pose = 0;
+};
+
+void check_device(RTCDevice device) {
+  const RTCError e = rtcGetDeviceError(device);
+  if (e == RTC_ERROR_NONE) return;
+  if (e == RTC_ERROR_OUT_OF_MEMORY) throw Error(ErrorCode::kOutOfMemory, "not enough memory for the ray tracing structures");
+  throw Error(ErrorCode::kFailed, fmt::format("ray tracing library reports error {}", int(e)));
+}
+
+void analytic_bounds(const RTCBoundsFunctionArguments* args) {
+  const auto& placed = *static_cast<const PlacedShape*>(args->geometryUserPtr);
+  const Bounds3f unit = analytic::unit_bounds(placed.analytic.kind);
+  Bounds3f b;
+  for (int i = 0; i < 8; ++i) {
+    b.extend(placed.analytic.object_from_unit.point(
+        {i & 1 ? unit.hi.x : unit.lo.x, i & 2 ? unit.hi.y : unit.lo.y, i & 4 ? unit.hi.z : unit.lo.z}));
+  }
+  const float pad = 1e-6f * (b.radius() + length(b.center()));  // flat boxes must survive rounding
+  *args->bounds_o = {b.lo.x - pad, b.lo.y - pad, b.lo.z - pad, 0, b.hi.x + pad, b.hi.y + pad, b.hi.z + pad, 0};
+}
+
+std::optional<analytic::UnitHit> intersect_analytic(const PlacedShape& placed, const RTCRay& ray) {
+  const Affine3d unit_from_object(placed.unit_from_object);
+  return analytic::intersect(placed.analytic.kind, unit_from_object.point({ray.org_x, ray.org_y, ray.org_z}),
+                             unit_from_object.vector({ray.dir_x, ray.dir_y, ray.dir_z}), ray.tnear, ray.tfar);
+}
+
+void analytic_intersect(const RTCIntersectFunctionNArguments* args) {
+  if (!args->valid[0]) return;  // only single rays are traced
+  const auto& placed = *static_cast<const PlacedShape*>(args->geometryUserPtr);
+  auto& rayhit = *reinterpret_cast<RTCRayHit*>(args->rayhit);
+  const auto hit = intersect_analytic(placed, rayhit.ray);
+  if (!hit) return;
+  rayhit.ray.tfar = float(hit->t);
+  rayhit.hit.u = hit->u;
+  rayhit.hit.v = hit->v;
+  rayhit.hit.geomID = args->geomID;
+  rayhit.hit.primID = args->primID;
+  for (unsigned i = 0; i < RTC_MAX_INSTANCE_LEVEL_COUNT; ++i) rayhit.hit.instID[i] = args->context->instID[i];
+}
+
+void analytic_occluded(const RTCOccludedFunctionNArguments* args) {
+  if (!args->valid[0]) return;
+  const auto& placed = *static_cast<const PlacedShape*>(args->geometryUserPtr);
+  auto& ray = *reinterpret_cast<RTCRay*>(args->ray);
+  if (intersect_analytic(placed, ray)) ray.tfar = -kInfinity;
+}
+
+/// Owner of an RTCScene.
+struct EmbreeScene {
+  RTCScene scene = nullptr;
+  EmbreeScene() = default;
+  explicit EmbreeScene(RTCScene s) : scene(s) {}
+  EmbreeScene(EmbreeScene&& o) noexcept : scene(std::exchange(o.scene, nullptr)) {}
+  EmbreeScene& operator=(EmbreeScene&& o) noexcept {
+    std::swap(scene, o.scene);
+    return *this;
+  }
+  ~EmbreeScene() {
+    if (scene) rtcReleaseScene(scene);
+  }
+};
+
+bool is_static_node(const Scene& scene, int node) {
+  for (; node >= 0; node = scene.nodes[std::size_t(node)].parent) {
+    const Node& n = scene.nodes[std::size_t(node)];
+    if (!n.local.is_constant() || !n.visibility.is_constant()) return false;
+  }
+  return true;
+}
+
+bool is_identity(const Affine3d& m) { return m == Affine3d{}; }
+
+}  // namespace
+
+struct GeometryCache::Impl {
+  RTCDevice device = nullptr;
+  std::atomic<std::int64_t> bytes{0};
+  // Filled by the first RayScene; a cache serves one scene.
+  const Scene* scene = nullptr;
+  std::vector<Placement> placements;             // per (instance, position in group), flattened
+  std::vector<std::size_t> first_placed;         // per instance: index of its first shape below
+  std::vector<std::unique_ptr<PlacedShape>> placed;  // static ones are complete; deforming ones are templates
+  std::map<std::uint32_t, std::unique_ptr<PlacedShape>> object_shapes;  // instanced: by shape
+  EmbreeScene static_scene;
+  std::vector<const PlacedShape*> static_ids;    // by geomID of static_scene
+  std::map<int, EmbreeScene> group_scenes;
+  std::uint64_t vertex_bytes = 0;
+  bool anything_moves = false;
+  bool has_opacity = false;
+
+  void add_geometry(RTCScene target, const PlacedShape& source, RTCBuildQuality quality) const;
+  void prepare(const Scene& s, bool robust);
+};
+
+GeometryCache::GeometryCache() : impl_(std::make_unique<Impl>()) {
+  // AVX2 beats AVX-512 for single rays, which is what path tracing traces (measured; see docs/performance.md).
+  const char* config = nullptr;
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx2")) config = "isa=avx2";
+#endif
+  impl_->device = rtcNewDevice(config);
+  if (!impl_->device) throw Error(ErrorCode::kFailed, "the ray tracing library does not start on this processor");
+  rtcSetDeviceMemoryMonitorFunction(
+      impl_->device,
+      [](void* user, ssize_t bytes, bool) {
+        *static_cast<std::atomic<std::int64_t>*>(user) += bytes;
+        return true;
+      },
+      &impl_->bytes);
+}
+GeometryCache::~GeometryCache() {
+  impl_->group_scenes.clear();
+  impl_->static_scene = {};
+  rtcReleaseDevice(impl_->device);
+}
+
+/// Attaches one placed shape to an Embree scene; the geometry id is the next free one.
+void GeometryCache::Impl::add_geometry(RTCScene target, const PlacedShape& source, RTCBuildQuality quality) const {
+  RTCGeometry g = nullptr;
+  if (source.mesh) {
+    g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    const Mesh& mesh = *source.mesh;
+    rtcSetGeometryTimeStepCount(g, unsigned(source.knots.size()));
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh.indices.data(), 0,
+                               3 * sizeof(std::uint32_t), mesh.triangle_count());
+    for (std::size_t k = 0; k < source.knots.size(); ++k) {
+      const KnotVertices& v = source.knots[k];
+      // Embree reads 16 bytes at each vertex: an array without spare room behind its end must be copied.
+      const bool padded = !v.own_positions.empty() || mesh.positions.capacity() > mesh.positions.size();
+      if (padded) {
+        rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, unsigned(k), RTC_FORMAT_FLOAT3, v.positions, 0,
+                                   sizeof(Vec3f), mesh.positions.size());
+      } else {
+        void* copy = rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, unsigned(k), RTC_FORMAT_FLOAT3, sizeof(Vec3f),
+                                             mesh.positions.size());
+        if (copy) std::memcpy(copy, v.positions, sizeof(Vec3f) * mesh.positions.size());
+      }
+    }
+    rtcSetGeometryBuildQuality(g, quality);
+  } else {
+    g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
+    rtcSetGeometryUserPrimitiveCount(g, 1);
+    rtcSetGeometryUserData(g, const_cast<PlacedShape*>(&source));
+    rtcSetGeometryBoundsFunction(g, [](const RTCBoundsFunctionArguments* a) { analytic_bounds(a); }, nullptr);
+    rtcSetGeometryIntersectFunction(g, analytic_intersect);
+    rtcSetGeometryOccludedFunction(g, analytic_occluded);
+  }
+  rtcCommitGeometry(g);
+  rtcAttachGeometry(target, g);
+  rtcReleaseGeometry(g);
+  check_device(device);
+}
+
+namespace {
+
+/// Vertices of `mesh` moved by a constant map; points into the mesh when the map is the identity.
+KnotVertices fixed_vertices(const Mesh& mesh, const Affine3d& map, std::uint64_t& bytes) {
+  KnotVertices k;
+  if (is_identity(map)) {
+    k.positions = mesh.positions.data();
+    k.normals = mesh.normals.empty() ? nullptr : mesh.normals.data();
+    return k;
+  }
+  k.own_positions.reserve(mesh.positions.size() + 2);
+  for (const Vec3f& p : mesh.positions) k.own_positions.push_back(Vec3f(map.point(Vec3d(p))));
+  const Affine3d inv = inverse(map);
+  k.own_normals.reserve(mesh.normals.size());
+  for (const Vec3f& n : mesh.normals) k.own_normals.push_back(normalize(Vec3f(inv.transposed_vector(Vec3d(n)))));
+  k.positions = k.own_positions.data();
+  k.normals = mesh.normals.empty() ? nullptr : k.own_normals.data();
+  bytes += (k.own_positions.capacity() + k.own_normals.capacity()) * sizeof(Vec3f);
+  return k;
+}
+
+PlacedShape place(const Scene& scene, std::uint32_t instance, std::uint32_t shape, Placement placement,
+                  const Affine3d& map, std::uint64_t& bytes) {
+  PlacedShape p;
+  p.instance = instance;
+  p.shape = shape;
+  p.placement = placement;
+  p.mesh = as_mesh(scene.shapes[shape]);
+  if (!p.mesh) {
+    p.analytic = as_analytic(scene.shapes[shape]);
+    const Affine3d object_from_unit = map * Affine3d(p.analytic.object_from_unit);
+    p.analytic.object_from_unit = Affine3f(object_from_unit);
+    p.unit_from_object = Affine3f(inverse(object_from_unit));
+  } else if (placement == Placement::kDeforming) {
+    p.mirrored = scene.world(scene.instances[instance].node, 0).determinant() < 0;
+  } else {
+    p.mirrored = map.determinant() < 0;
+    p.knots.push_back(fixed_vertices(*p.mesh, map, bytes));
+  }
+  return p;
+}
+
+}  // namespace
+
+/// Classifies and places everything that does not depend on time, once per scene.
+void GeometryCache::Impl::prepare(const Scene& s, bool robust) {
+  if (scene == &s) return;
+  TEMPERA_ASSERT(scene == nullptr);
+  scene = &s;
+  for (const Shape& shape : s.shapes) has_opacity |= shape.material->has_opacity();
+  std::vector<int> uses(s.groups.size(), 0);
+  for (const Instance& i : s.instances) ++uses[std::size_t(i.group)];
+  static_scene = EmbreeScene(rtcNewScene(device));
+  rtcSetSceneBuildQuality(static_scene.scene, RTC_BUILD_QUALITY_HIGH);
+  if (robust) rtcSetSceneFlags(static_scene.scene, RTC_SCENE_FLAG_ROBUST);
+  std::set<int> instanced_groups;
+  for (std::uint32_t i = 0; i < s.instances.size(); ++i) {
+    const Instance& instance = s.instances[i];
+    const bool fixed = is_static_node(s, instance.node);
+    const auto& group = s.groups[std::size_t(instance.group)];
+    first_placed.push_back(placed.size());
+    for (const int shape_index : group) {
+      const auto shape = std::uint32_t(shape_index);
+      const Mesh* mesh = as_mesh(s.shapes[shape]);
+      const Placement placement = mesh && mesh->deforms() ? Placement::kDeforming
+                                  : fixed && uses[std::size_t(instance.group)] == 1 ? Placement::kStatic
+                                                                                     : Placement::kInstanced;
+      if (placement == Placement::kInstanced) {
+        instanced_groups.insert(instance.group);
+        if (!object_shapes.contains(shape)) {
+          object_shapes[shape] =
+              std::make_unique<PlacedShape>(place(s, i, shape, placement, Affine3d{}, vertex_bytes));
+        }
+        placed.push_back(nullptr);
+      } else {
+        const Affine3d map = placement == Placement::kStatic ? s.world(instance.node, 0) : Affine3d{};
+        placed.push_back(std::make_unique<PlacedShape>(place(s, i, shape, placement, map, vertex_bytes)));
+      }
+      placements.push_back(placement);
+      anything_moves |= placement != Placement::kStatic;
+      if (placement == Placement::kStatic && s.visible(instance.node, 0)) {
+        static_ids.push_back(placed.back().get());
+        add_geometry(static_scene.scene, *placed.back(), RTC_BUILD_QUALITY_HIGH);
+      }
+    }
+  }
+  rtcCommitScene(static_scene.scene);
+  check_device(device);
+  for (const int g : instanced_groups) {
+    EmbreeScene group(rtcNewScene(device));
+    rtcSetSceneBuildQuality(group.scene, RTC_BUILD_QUALITY_HIGH);
+    if (robust) rtcSetSceneFlags(group.scene, RTC_SCENE_FLAG_ROBUST);
+    for (const int shape : s.groups[std::size_t(g)]) {
+      // Deforming shapes of the same group are attached to the top scene; an empty geometry keeps the ids aligned.
+      const auto it = object_shapes.find(std::uint32_t(shape));
+      if (it != object_shapes.end()) {
+        add_geometry(group.scene, *it->second, RTC_BUILD_QUALITY_HIGH);
+      } else {
+        RTCGeometry empty = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
+        rtcCommitGeometry(empty);
+        rtcAttachGeometry(group.scene, empty);
+        rtcReleaseGeometry(empty);
+      }
+    }
+    rtcCommitScene(group.scene);
+    check_device(device);
+    group_scenes.emplace(g, std::move(group));
+  }
+}
+
+struct RayScene::Impl {
+  const Scene* scene = nullptr;
+  GeometryCache::Impl* cache = nullptr;
+  TimeSpan rays, evaluation;
+  MotionGrid grid;
+  std::int64_t first_knot = 0, last_knot = 0;  // of the ray span
+  double ray_begin = 0, ray_scale = 0;         // Embree's time = (t - ray_begin) * ray_scale
+  RTCScene top = nullptr;                      // own_top, or the static scene itself
+  EmbreeScene own_top;
+  bool top_is_static = false;
+  Bounds3f bounds;
+  float smallest_offset = 0;
+  float resampling_error = 0;
+  std::uint64_t vertex_bytes = 0;
+
+  /// What an Embree id of the top scene stands for.
+  struct TopEntry {
+    enum Kind : std::uint8_t { kStaticScene, kInstance, kShape } kind = kStaticScene;
+    std::uint32_t instance = 0;
+    std::uint32_t shape = 0;
+  };
+  std::vector<TopEntry> top_entries;
+
+  /// Instanced motion: knots over the evaluation span, or one constant map.
+  struct InstanceMotion {
+    bool moves = false;
+    std::int64_t first = 0;
+    std::vector<AffineKnot> knots;
+    Affine3f world;
+  };
+  std::vector<InstanceMotion> motions;  // by instance; used for instanced placement only
+  std::vector<std::unique_ptr<PlacedShape>> deforming;  // own copies with this span's vertices
+  std::vector<const PlacedShape*> placed;               // like cache->placed, deforming ones replaced
+
+  const PlacedShape& find(std::uint32_t instance, std::uint32_t shape) const {
+    const auto& group = scene->groups[std::size_t(scene->instances[instance].group)];
+    std::size_t i = cache->first_placed[instance];
+    for (std::size_t k = 0; std::uint32_t(group[k]) != shape; ++k) ++i;
+    return *placed[i];
+  }
+  float embree_time(double t) const { return float(std::clamp((t - ray_begin) * ray_scale, 0.0, 1.0)); }
+
+  void build_motions();
+  void build_deforming(PlacedShape& shape);
+  void measure_error(const PlacedShape& shape);
+  Affine3f world(std::uint32_t instance, double t) const;
+  struct Triangle {
+    Vec3f p[3], n[3];
+    bool smooth = false;
+  };
+  /// Vertices of a mesh's triangle at time t in the frame that Embree sees (world, or object for instanced ones).
+  Triangle triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
+  Triangle knot_triangle(const PlacedShape& placed, std::uint32_t primitive, std::int64_t knot) const;
+};
+
+void RayScene::Impl::build_motions() {
+  motions.resize(scene->instances.size());
+  const std::int64_t e0 = grid.first(evaluation), e1 = grid.last(evaluation);
+  for (std::size_t i = 0; i < motions.size(); ++i) {
+    const Instance& instance = scene->instances[i];
+    InstanceMotion& m = motions[i];
+    m.world = Affine3f(scene->world(instance.node, grid.time(first_knot)));
+    m.moves = scene->moves(instance.node, {grid.time(e0), grid.time(e1)});
+    if (!m.moves) continue;
+    m.first = e0;
+    for (std::int64_t k = e0; k <= e1; ++k) {
+      m.knots.push_back(decompose(scene->world(instance.node, grid.time(k))));
+      if (k > e0) {  // neighbours in one hemisphere: slerp then takes the short way everywhere
+        Quatf& q = m.knots.back().q;
+        if (dot(q, m.knots[m.knots.size() - 2].q) < 0) q = -q;
+      }
+    }
+  }
+}
+
+Affine3f RayScene::Impl::world(std::uint32_t instance, double t) const {
+  const InstanceMotion& m = motions[instance];
+  if (!m.moves) return m.world;
+  const auto [knot, blend] = grid.locate(t);
+  const std::int64_t i = std::clamp<std::int64_t>(knot - m.first, 0, std::int64_t(m.knots.size()) - 1);
+  if (blend == 0 || i + 1 >= std::int64_t(m.knots.size())) return compose(m.knots[std::size_t(i)]);
+  return interpolate(m.knots[std::size_t(i)], m.knots[std::size_t(i) + 1], blend);
+}
+
+void RayScene::Impl::build_deforming(PlacedShape& placed_shape) {
+  const Mesh& mesh = *placed_shape.mesh;
+  const int node = scene->instances[placed_shape.instance].node;
+  const std::int64_t e0 = grid.first(evaluation), e1 = grid.last(evaluation);
+  placed_shape.first_pose = e0;
+  placed_shape.first_knot = first_knot;
+  for (std::int64_t k = e0; k <= e1; ++k) {
+    placed_shape.poses.push_back(mesh_pose(*scene, mesh, node, grid.time(k)));
+    placed_shape.pose_world.emplace_back(scene->world(node, grid.time(k)));
+  }
+  for (std::int64_t k = first_knot; k <= last_knot; ++k) {
+    const MeshPose& pose = placed_shape.poses[std::size_t(k - e0)];
+    const Affine3f world = placed_shape.pose_world[std::size_t(k - e0)];
+    const Affine3f inv = inverse(world);
+    KnotVertices v;
+    v.own_positions.reserve(mesh.positions.size() + 2);
+    v.own_positions.resize(mesh.positions.size());
+    v.own_normals.resize(mesh.normals.size());
+    constexpr std::int64_t kBlock = 4096;
+    const auto n = std::int64_t(mesh.positions.size());
+    parallel_for(0, (n + kBlock - 1) / kBlock, [&](std::int64_t block) {
+      for (std::int64_t i = block * kBlock; i < std::min(n, (block + 1) * kBlock); ++i) {
+        v.own_positions[std::size_t(i)] = world.point(posed_position(mesh, pose, std::uint32_t(i)));
+        if (!mesh.normals.empty()) {
+          v.own_normals[std::size_t(i)] = normalize(inv.transposed_vector(posed_normal(mesh, pose, std::uint32_t(i))));
+        }
+      }
+    });
+    vertex_bytes += (v.own_positions.capacity() + v.own_normals.capacity()) * sizeof(Vec3f);
+    placed_shape.knots.push_back(std::move(v));
+    KnotVertices& stored = placed_shape.knots.back();
+    stored.positions = stored.own_positions.data();
+    stored.normals = mesh.normals.empty() ? nullptr : stored.own_normals.data();
+  }
+}
+
+RayScene::Impl::Triangle RayScene::Impl::knot_triangle(const PlacedShape& p, std::uint32_t primitive,
+                                                       std::int64_t knot) const {
+  Triangle t;
+  const Mesh& mesh = *p.mesh;
+  t.smooth = !mesh.normals.empty();
+  const std::int64_t stored = p.placement == Placement::kDeforming ? knot - p.first_knot : 0;
+  const bool in_memory = stored >= 0 && stored < std::int64_t(p.knots.size());
+  for (int c = 0; c < 3; ++c) {
+    const std::uint32_t v = mesh.indices[3 * std::size_t(primitive) + std::size_t(c)];
+    if (in_memory) {
+      const KnotVertices& k = p.knots[std::size_t(stored)];
+      t.p[c] = k.positions[v];
+      if (t.smooth) t.n[c] = k.normals[v];
+    } else {  // outside the span of rays: the same function that filled the buffers, for three vertices
+      const auto i = std::size_t(std::clamp<std::int64_t>(knot - p.first_pose, 0, std::int64_t(p.poses.size()) - 1));
+      t.p[c] = p.pose_world[i].point(posed_position(mesh, p.poses[i], v));
+      if (t.smooth) t.n[c] = normalize(inverse(p.pose_world[i]).transposed_vector(posed_normal(mesh, p.poses[i], v)));
+    }
+  }
+  return t;
+}
+
+RayScene::Impl::Triangle RayScene::Impl::triangle(const PlacedShape& p, std::uint32_t primitive, double time) const {
+  if (p.placement != Placement::kDeforming) return knot_triangle(p, primitive, 0);
+  const auto [knot, blend] = grid.locate(time);
+  Triangle a = knot_triangle(p, primitive, knot);
+  if (blend == 0) return a;
+  const Triangle b = knot_triangle(p, primitive, knot + 1);
+  for (int c = 0; c < 3; ++c) {
+    a.p[c] = lerp(a.p[c], b.p[c], blend);
+    if (a.smooth) a.n[c] = normalize(lerp(a.n[c], b.n[c], blend));
+  }
+  return a;
+}
+
+/// Compares the resampled motion with the scene's own midway between knots of the ray span.
+void RayScene::Impl::measure_error(const PlacedShape& shape) {
+  if (last_knot == first_knot) return;
+  const int node = scene->instances[shape.instance].node;
+  for (std::int64_t k = first_knot; k < last_knot; ++k) {
+    const double t = grid.time(k) + 0.5 * grid.step;
+    const Affine3f exact(scene->world(node, t));
+    if (shape.placement == Placement::kDeforming) {
+      const Mesh& mesh = *shape.mesh;
+      const MeshPose pose = mesh_pose(*scene, mesh, node, t);
+      const std::size_t n = mesh.positions.size(), stride = std::max<std::size_t>(1, n / 64);
+      const auto& a = shape.knots[std::size_t(k - first_knot)];
+      const auto& b = shape.knots[std::size_t(k - first_knot) + 1];
+      for (std::size_t v = 0; v < n; v += stride) {
+        const Vec3f p = exact.point(posed_position(mesh, pose, std::uint32_t(v)));
+        resampling_error = std::max(resampling_error, length(p - lerp(a.positions[v], b.positions[v], 0.5f)));
+      }
+    }
+  }
+}
+
+RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const RaySceneOptions& options,
+                   GeometryCache& cache)
+    : impl_(std::make_unique<Impl>()) {
+  Impl& s = *impl_;
+  s.scene = &scene;
+  s.cache = cache.impl_.get();
+  s.cache->prepare(scene, options.robust);
+  s.rays = rays;
+  s.evaluation = {std::min(evaluation.begin, rays.begin), std::max(evaluation.end, rays.end)};
+  s.grid.step = options.motion_step;
+  s.first_knot = s.grid.first(rays);
+  s.last_knot = std::max(s.grid.last(rays), s.first_knot);
+  if (s.last_knot - s.first_knot > kMaxSegments) {
+    throw Error(ErrorCode::kOutOfRange,
+                fmt::format("{} motion segments between {} s and {} s; at most {} fit one ray scene: use a shorter span or "
+                            "fewer motion segments a frame",
+                            s.last_knot - s.first_knot, rays.begin, rays.end, kMaxSegments));
+  }
+  s.ray_begin = s.grid.time(s.first_knot);
+  s.ray_scale = s.last_knot > s.first_knot ? 1.0 / (double(s.last_knot - s.first_knot) * s.grid.step) : 0;
+  s.build_motions();
+
+  for (const auto& p : s.cache->placed) s.placed.push_back(p.get());
+  for (std::size_t i = 0; i < scene.instances.size(); ++i) {
+    const auto& group = scene.groups[std::size_t(scene.instances[i].group)];
+    for (std::size_t k = 0; k < group.size(); ++k) {
+      const std::size_t slot = s.cache->first_placed[i] + k;
+      if (!s.placed[slot]) s.placed[slot] = s.cache->object_shapes.at(std::uint32_t(group[k])).get();
+    }
+  }
+  const double representative = 0.5 * (rays.begin + rays.end);
+  if (!s.cache->anything_moves) {
+    s.top = s.cache->static_scene.scene;
+    s.top_is_static = true;
+  } else {
+    s.own_top = EmbreeScene(rtcNewScene(s.cache->device));
+    s.top = s.own_top.scene;
+    rtcSetSceneBuildQuality(s.top, RTC_BUILD_QUALITY_MEDIUM);
+    if (options.robust) rtcSetSceneFlags(s.top, RTC_SCENE_FLAG_ROBUST);
+    if (!s.cache->static_ids.empty()) {
+      RTCGeometry g = rtcNewGeometry(s.cache->device, RTC_GEOMETRY_TYPE_INSTANCE);
+      rtcSetGeometryInstancedScene(g, s.cache->static_scene.scene);
+      rtcCommitGeometry(g);
+      rtcAttachGeometry(s.top, g);
+      rtcReleaseGeometry(g);
+      s.top_entries.push_back({Impl::TopEntry::kStaticScene, 0, 0});
+    }
+    for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
+      const Instance& instance = scene.instances[i];
+      const auto& group = scene.groups[std::size_t(instance.group)];
+      const bool visible = scene.visible(instance.node, representative);
+      bool instanced = false;
+      for (std::size_t k = 0; k < group.size(); ++k) {
+        const std::size_t slot = s.cache->first_placed[i] + k;
+        instanced |= s.cache->placements[slot] == Placement::kInstanced;
+        if (s.cache->placements[slot] != Placement::kDeforming) continue;
+        auto own = std::make_unique<PlacedShape>(PlacedShape(*s.cache->placed[slot]));
+        s.build_deforming(*own);
+        s.measure_error(*own);
+        s.placed[slot] = own.get();
+        if (visible) {
+          s.cache->add_geometry(s.top, *own, RTC_BUILD_QUALITY_MEDIUM);
+          s.top_entries.push_back({Impl::TopEntry::kShape, i, own->shape});
+        }
+        s.deforming.push_back(std::move(own));
+      }
+      if (!instanced || !visible) continue;
+      RTCGeometry g = rtcNewGeometry(s.cache->device, RTC_GEOMETRY_TYPE_INSTANCE);
+      rtcSetGeometryInstancedScene(g, s.cache->group_scenes.at(instance.group).scene);
+      const Impl::InstanceMotion& m = s.motions[i];
+      if (!m.moves || s.last_knot == s.first_knot) {
+        const Affine3f w = s.world(i, s.ray_begin);
+        rtcSetGeometryTransform(g, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, &w);
+      } else {
+        const auto first = std::size_t(s.first_knot - m.first), count = std::size_t(s.last_knot - s.first_knot + 1);
+        rtcSetGeometryTimeStepCount(g, unsigned(count));
+        for (std::size_t k = 0; k < count; ++k) {
+          const AffineKnot& knot = m.knots[first + k];
+          RTCQuaternionDecomposition q;
+          rtcInitQuaternionDecomposition(&q);
+          rtcQuaternionDecompositionSetQuaternion(&q, knot.q.w, knot.q.x, knot.q.y, knot.q.z);
+          rtcQuaternionDecompositionSetScale(&q, knot.scale.x, knot.scale.y, knot.scale.z);
+          rtcQuaternionDecompositionSetSkew(&q, knot.skew.x, knot.skew.y, knot.skew.z);
+          rtcQuaternionDecompositionSetTranslation(&q, knot.translation.x, knot.translation.y, knot.translation.z);
+          rtcSetGeometryTransformQuaternion(g, unsigned(k), &q);
+        }
+        Bounds3f box;  // rigid motion: corners of the group's box against the exact pose
+        RTCBounds b;
+        rtcGetSceneBounds(s.cache->group_scenes.at(instance.group).scene, &b);
+        for (std::int64_t k = s.first_knot; k < s.last_knot; ++k) {
+          const double t = s.grid.time(k) + 0.5 * s.grid.step;
+          const Affine3f exact(scene.world(instance.node, t)), ours = s.world(i, t);
+          for (int c = 0; c < 8; ++c) {
+            const Vec3f p{c & 1 ? b.upper_x : b.lower_x, c & 2 ? b.upper_y : b.lower_y, c & 4 ? b.upper_z : b.lower_z};
+            s.resampling_error = std::max(s.resampling_error, length(exact.point(p) - ours.point(p)));
+          }
+        }
+      }
+      rtcCommitGeometry(g);
+      rtcAttachGeometry(s.top, g);
+      rtcReleaseGeometry(g);
+      s.top_entries.push_back({Impl::TopEntry::kInstance, i, 0});
+    }
+    rtcCommitScene(s.top);
+  }
+  check_device(s.cache->device);
+  RTCBounds b;
+  rtcGetSceneBounds(s.top, &b);
+  if (b.lower_x <= b.upper_x) s.bounds = {{b.lower_x, b.lower_y, b.lower_z}, {b.upper_x, b.upper_y, b.upper_z}};
+  s.smallest_offset = 1e-6f * s.bounds.radius();
+}
+
+RayScene::~RayScene() = default;
+RayScene::RayScene(RayScene&&) noexcept = default;
+
+std::optional<Hit> RayScene::intersect(const Ray& ray) const {
+  const Impl& s = *impl_;
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  RTCRayHit r;
+  r.ray = {ray.o.x, ray.o.y, ray.o.z, ray.tmin, ray.d.x, ray.d.y, ray.d.z, s.embree_time(ray.time), ray.tmax, ~0u, 0, 0};
+  r.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+  r.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+  rtcIntersect1(s.top, &context, &r);
+  if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
+  Hit hit;
+  hit.t = r.ray.tfar;
+  hit.point.primitive = r.hit.primID;
+  hit.point.u = r.hit.u;
+  hit.point.v = r.hit.v;
+  const auto from_static = [&](unsigned geometry) {
+    const PlacedShape& p = *s.cache->static_ids[geometry];
+    hit.point.instance = p.instance;
+    hit.point.shape = p.shape;
+  };
+  if (s.top_is_static) {
+    from_static(r.hit.geomID);
+  } else if (r.hit.instID[0] != RTC_INVALID_GEOMETRY_ID) {
+    const Impl::TopEntry& e = s.top_entries[r.hit.instID[0]];
+    if (e.kind == Impl::TopEntry::kStaticScene) {
+      from_static(r.hit.geomID);
+    } else {
+      hit.point.instance = e.instance;
+      hit.point.shape = std::uint32_t(s.scene->groups[std::size_t(s.scene->instances[e.instance].group)][r.hit.geomID]);
+    }
+  } else {
+    const Impl::TopEntry& e = s.top_entries[r.hit.geomID];
+    hit.point.instance = e.instance;
+    hit.point.shape = e.shape;
+  }
+  return hit;
+}
+
+bool RayScene::occluded(const Ray& ray) const {
+  RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  RTCRay r{ray.o.x, ray.o.y, ray.o.z, ray.tmin, ray.d.x, ray.d.y, ray.d.z, impl_->embree_time(ray.time), ray.tmax, ~0u, 0, 0};
+  rtcOccluded1(impl_->top, &context, &r);
+  return r.tfar < 0;
+}
+
+namespace {
+
+/// Partial derivatives of a triangle's position and normal with respect to its uv coordinates.
+struct UvFrame {
+  Vec3f dpdu, dpdv, dndu, dndv;
+};
+
+UvFrame uv_derivatives(const Vec3f (&p)[3], const Vec3f* n, const Vec2f (&uv)[3], const Vec3f& ng) {
+  UvFrame f;
+  const Vec3f dp1 = p[1] - p[0], dp2 = p[2] - p[0];
+  const Vec2f d1 = uv[1] - uv[0], d2 = uv[2] - uv[0];
+  const float det = d1.x * d2.y - d1.y * d2.x;
+  if (det == 0 || !std::isfinite(1 / det)) {  // no usable parametrisation: any tangent frame
+    const Basis b(ng);
+    return {b.s, b.t, {}, {}};
+  }
+  const float inv = 1 / det;
+  f.dpdu = (dp1 * d2.y - dp2 * d1.y) * inv;
+  f.dpdv = (dp2 * d1.x - dp1 * d2.x) * inv;
+  if (n) {
+    const Vec3f dn1 = n[1] - n[0], dn2 = n[2] - n[0];
+    f.dndu = (dn1 * d2.y - dn2 * d1.y) * inv;
+    f.dndv = (dn2 * d1.x - dn1 * d2.x) * inv;
+  }
+  return f;
+}
+
+}  // namespace
+
+ShadingPoint RayScene::shading_point(const SurfacePoint& point, double t, const Vec3f& wo) const {
+  const Impl& s = *impl_;
+  const PlacedShape& placed = s.find(point.instance, point.shape);
+  ShadingPoint r;
+  r.wo = wo;
+  r.time = t;
+  Vec3f ns;  // interpolated, not yet unit
+  Vec3f tangent{};
+  float tangent_sign = 1;
+  bool flip = false;
+  if (placed.mesh) {
+    const Mesh& mesh = *placed.mesh;
+    const Impl::Triangle tri = s.triangle(placed, point.primitive, t);
+    const float b0 = 1 - point.u - point.v, b1 = point.u, b2 = point.v;
+    r.p = tri.p[0] * b0 + tri.p[1] * b1 + tri.p[2] * b2;
+    r.ng = normalize(cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]) * (placed.mirrored ? -1.0f : 1.0f));
+    const std::uint32_t* v = &mesh.indices[3 * std::size_t(point.primitive)];
+    Vec2f uv[3] = {{0, 0}, {1, 0}, {0, 1}};
+    if (!mesh.uvs.empty()) {
+      for (int c = 0; c < 3; ++c) uv[c] = mesh.uvs[v[c]];
+    }
+    r.uv = uv[0] * b0 + uv[1] * b1 + uv[2] * b2;
+    r.uv1 = mesh.uvs1.empty() ? r.uv : mesh.uvs1[v[0]] * b0 + mesh.uvs1[v[1]] * b1 + mesh.uvs1[v[2]] * b2;
+    const UvFrame f = uv_derivatives(tri.p, tri.smooth ? tri.n : nullptr, uv, r.ng);
+    r.dpdu = f.dpdu, r.dpdv = f.dpdv;
+    ns = r.ng;
+    if (tri.smooth) {
+      ns = tri.n[0] * b0 + tri.n[1] * b1 + tri.n[2] * b2;
+      const float l = length(ns);
+      ns = l > 0 ? ns * (1 / l) : r.ng;
+      const float inv = l > 0 ? 1 / l : 0;
+      r.dndu = (f.dndu - ns * dot(ns, f.dndu)) * inv;
+      r.dndv = (f.dndv - ns * dot(ns, f.dndv)) * inv;
+    }
+    if (!mesh.colors.empty()) {
+      if (mesh.color_per_face) {
+        r.color = mesh.colors[point.primitive];
+        if (!mesh.color_alphas.empty()) r.color_alpha = mesh.color_alphas[point.primitive];
+      } else {
+        r.color = mesh.colors[v[0]] * b0 + mesh.colors[v[1]] * b1 + mesh.colors[v[2]] * b2;
+        if (!mesh.color_alphas.empty()) {
+          r.color_alpha = mesh.color_alphas[v[0]] * b0 + mesh.color_alphas[v[1]] * b1 + mesh.color_alphas[v[2]] * b2;
+        }
+      }
+    }
+    if (!mesh.tangents.empty()) {
+      tangent = mesh.tangents[v[0]] * b0 + mesh.tangents[v[1]] * b1 + mesh.tangents[v[2]] * b2;
+      if (!mesh.tangent_signs.empty()) tangent_sign = mesh.tangent_signs[v[0]];
+      // Tangents are stored in the mesh's bind space; deformation turns them with dpdu, which is close enough for the
+      // in-plane direction of a normal map.
+      if (placed.placement == Placement::kDeforming && dot(f.dpdu, f.dpdu) > 0 && !mesh.uvs.empty()) tangent = f.dpdu;
+    }
+    flip = mesh.flip_normals;
+  } else {
+    const analytic::UnitPoint unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
+    const Affine3f& m = placed.analytic.object_from_unit;
+    const auto normal = [&](const Vec3f& n) { return placed.unit_from_object.transposed_vector(n); };
+    r.p = m.point(unit.p);
+    r.uv = r.uv1 = {point.u, point.v};
+    r.dpdu = m.vector(unit.dpdu);
+    r.dpdv = m.vector(unit.dpdv);
+    const Vec3f n = normal(unit.n);
+    const float inv = 1 / length(n);
+    ns = r.ng = n * inv;
+    const Vec3f du = normal(unit.dndu), dv = normal(unit.dndv);
+    r.dndu = (du - ns * dot(ns, du)) * inv;
+    r.dndv = (dv - ns * dot(ns, dv)) * inv;
+    flip = placed.analytic.flip;
+  }
+  if (placed.placement == Placement::kInstanced) {
+    const Affine3f m = s.world(point.instance, t);
+    const Affine3f inv = inverse(m);
+    r.p = m.point(r.p);
+    r.dpdu = m.vector(r.dpdu);
+    r.dpdv = m.vector(r.dpdv);
+    tangent = m.vector(tangent);
+    r.ng = normalize(inv.transposed_vector(r.ng));
+    const Vec3f n = inv.transposed_vector(ns);
+    const float k = 1 / length(n);
+    ns = n * k;
+    const Vec3f du = inv.transposed_vector(r.dndu), dv = inv.transposed_vector(r.dndv);
+    r.dndu = (du - ns * dot(ns, du)) * k;
+    r.dndv = (dv - ns * dot(ns, dv)) * k;
+  }
+  if (flip) {
+    r.ng = -r.ng;
+    ns = -ns;
+    r.dndu = -r.dndu;
+    r.dndv = -r.dndv;
+  }
+  const bool has_tangent = tangent.x != 0 || tangent.y != 0 || tangent.z != 0;
+  r.frame = Basis::with_tangent(ns, has_tangent ? tangent : r.dpdu);
+  if (tangent_sign < 0) r.frame.t = -r.frame.t;
+  return r;
+}
+
+Vec3f RayScene::position(const SurfacePoint& point, double t, Vec3f* ng) const {
+  const Impl& s = *impl_;
+  const PlacedShape& placed = s.find(point.instance, point.shape);
+  Vec3f p, n;
+  bool flip = false;
+  if (placed.mesh) {
+    const Impl::Triangle tri = s.triangle(placed, point.primitive, t);
+    p = tri.p[0] * (1 - point.u - point.v) + tri.p[1] * point.u + tri.p[2] * point.v;
+    if (ng) n = cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]);
+    flip = placed.mesh->flip_normals != placed.mirrored;
+  } else {
+    const analytic::UnitPoint unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
+    p = placed.analytic.object_from_unit.point(unit.p);
+    n = placed.unit_from_object.transposed_vector(unit.n);
+    flip = placed.analytic.flip;
+  }
+  if (placed.placement == Placement::kInstanced) {
+    const Affine3f m = s.world(point.instance, t);
+    p = m.point(p);
+    if (ng) n = inverse(m).transposed_vector(n);
+  }
+  if (ng) *ng = normalize(flip ? -n : n);
+  return p;
+}
+
+Vec3f RayScene::offset_origin(const Vec3f& p, const Vec3f& ng, const Vec3f& d) const {
+  const float magnitude = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});
+  const float offset = std::max(3e-5f * magnitude, impl_->smallest_offset);
+  return p + ng * (dot(ng, d) < 0 ? -offset : offset);
+}
+
+SurfaceMotion RayScene::motion(const SurfacePoint& point, double t) const {
+  const Impl& s = *impl_;
+  const PlacedShape& placed = s.find(point.instance, point.shape);
+  const ShadingPoint here = shading_point(point, t, {0, 0, 1});
+  SurfaceMotion m{here.p, here.frame.n, {}, {}};
+  const auto [knot, blend] = s.grid.locate(t);
+  const float rate = float(1 / s.grid.step);
+  const auto unit_rate = [](const Vec3f& n, float l, const Vec3f& dn) { return (dn - n * dot(n, dn)) * (1 / l); };
+  if (placed.placement == Placement::kDeforming) {
+    const Impl::Triangle a = s.knot_triangle(placed, point.primitive, knot);
+    const Impl::Triangle b = s.knot_triangle(placed, point.primitive, knot + 1);
+    const float w[3] = {1 - point.u - point.v, point.u, point.v};
+    Vec3f n, dn;
+    for (int c = 0; c < 3; ++c) {
+      m.dpdt += (b.p[c] - a.p[c]) * (w[c] * rate);
+      if (!a.smooth) continue;
+      const Vec3f nc = lerp(a.n[c], b.n[c], blend), dc = (b.n[c] - a.n[c]) * rate;
+      const float l = length(nc);
+      n += nc * (w[c] / l);
+      dn += unit_rate(nc * (1 / l), l, dc) * w[c];
+    }
+    if (!a.smooth) {
+      const Vec3f e1 = lerp(a.p[1], b.p[1], blend) - lerp(a.p[0], b.p[0], blend);
+      const Vec3f e2 = lerp(a.p[2], b.p[2], blend) - lerp(a.p[0], b.p[0], blend);
+      const Vec3f d1 = ((b.p[1] - a.p[1]) - (b.p[0] - a.p[0])) * rate, d2 = ((b.p[2] - a.p[2]) - (b.p[0] - a.p[0])) * rate;
+      n = cross(e1, e2);
+      dn = cross(d1, e2) + cross(e1, d2);
+    }
+    const bool flip = placed.mesh->flip_normals != (placed.mirrored && !a.smooth);
+    const float l = length(n), sign = flip ? -1.0f : 1.0f;
+    m.dndt = unit_rate(n * (1 / l), l, dn) * sign;
+  } else if (placed.placement == Placement::kInstanced && s.motions[point.instance].moves) {
+    const Impl::InstanceMotion& im = s.motions[point.instance];
+    const auto i = std::size_t(std::clamp<std::int64_t>(knot - im.first, 0, std::int64_t(im.knots.size()) - 2));
+    const Affine3f w = interpolate(im.knots[i], im.knots[i + 1], blend);
+    const Affine3f dw = interpolate_derivative(im.knots[i], im.knots[i + 1], blend);
+    const Affine3f inv = inverse(w);
+    m.dpdt = dw.point(inv.point(here.p)) * rate;
+    // d(M^-T n) = -M^-T dM^T M^-T n
+    const Vec3f dn = -inv.transposed_vector(dw.transposed_vector(here.frame.n)) * rate;
+    m.dndt = unit_rate(here.frame.n, 1, dn);
+  }
+  return m;
+}
+
+float RayScene::triangle_area(std::uint32_t instance, std::uint32_t shape, std::uint32_t primitive, double t) const {
+  const Impl& s = *impl_;
+  const PlacedShape& placed = s.find(instance, shape);
+  const Impl::Triangle tri = s.triangle(placed, primitive, t);
+  Vec3f e1 = tri.p[1] - tri.p[0], e2 = tri.p[2] - tri.p[0];
+  if (placed.placement == Placement::kInstanced) {
+    const Affine3f m = s.world(instance, t);
+    e1 = m.vector(e1), e2 = m.vector(e2);
+  }
+  return 0.5f * length(cross(e1, e2));
+}
+
+Affine3f RayScene::world_from_object(std::uint32_t instance, std::uint32_t shape, double t) const {
+  const PlacedShape& placed = impl_->find(instance, shape);
+  return placed.placement == Placement::kInstanced ? impl_->world(instance, t) : Affine3f{};
+}
+
+bool RayScene::has_opacity() const { return impl_->cache->has_opacity; }
+const Scene& RayScene::scene() const { return *impl_->scene; }
+TimeSpan RayScene::rays() const { return impl_->rays; }
+Bounds3f RayScene::bounds() const { return impl_->bounds; }
+float RayScene::resampling_error() const { return impl_->resampling_error; }
+std::uint64_t RayScene::memory() const {
+  return std::uint64_t(std::max<std::int64_t>(0, impl_->cache->bytes.load())) + impl_->cache->vertex_bytes + impl_->vertex_bytes;
+}
+
+}  // namespace tempera

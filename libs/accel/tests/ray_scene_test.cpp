@@ -1,0 +1,253 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/accel/ray_scene.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "tempera/core/random.h"
+#include "tempera/scene/scene.h"
+
+namespace tempera {
+namespace {
+
+float uniform(std::uint64_t key, std::uint64_t i) { return to_unit_float(std::uint32_t(hash_key(key, i) >> 32)); }
+
+/// A bumpy sphere of 2 * rings * sectors triangles with normals and uvs.
+Mesh bumpy_sphere(int rings = 24, int sectors = 32) {
+  Mesh m;
+  for (int j = 0; j <= rings; ++j) {
+    for (int i = 0; i <= sectors; ++i) {
+      const float theta = kPi * (float(j) + 0.001f) / (float(rings) + 0.002f), phi = 2 * kPi * float(i) / float(sectors);
+      const Vec3f n{std::sin(theta) * std::cos(phi), std::cos(theta), std::sin(theta) * std::sin(phi)};
+      m.positions.push_back(n * (1 + 0.2f * std::sin(5 * theta) * std::cos(3 * phi)));
+      m.normals.push_back(n);
+      m.uvs.push_back({float(i) / float(sectors), float(j) / float(rings)});
+    }
+  }
+  for (int j = 0; j < rings; ++j) {
+    for (int i = 0; i < sectors; ++i) {
+      const auto a = std::uint32_t(j * (sectors + 1) + i), b = a + std::uint32_t(sectors) + 1;
+      for (const std::uint32_t v : {a, a + 1, b, b, a + 1, b + 1}) m.indices.push_back(v);
+    }
+  }
+  return m;
+}
+
+AnimatedTransform turning(const Vec3d& axis, double angle, const Vec3d& from, const Vec3d& to, const Vec3d& scale0,
+                          const Vec3d& scale1) {
+  AnimatedTransform t;
+  t.keyed = true;
+  std::vector<double> times;
+  std::vector<Quatd> rotations;
+  for (int i = 0; i <= 4; ++i) {
+    times.push_back(i * 0.25);
+    rotations.push_back(axis_angle(normalize(axis), angle * i / 4));
+  }
+  t.rotation = {times, rotations, Interpolation::kLinear};
+  t.translation = {{0, 1}, {from, to}, Interpolation::kLinear};
+  t.scale = {{0, 1}, {scale0, scale1}, Interpolation::kLinear};
+  return t;
+}
+
+struct SceneBuilder {
+  Scene scene;
+  int node(const AnimatedTransform& local, int parent = -1) {
+    scene.nodes.push_back({parent, local, "", 1.0f});
+    return int(scene.nodes.size()) - 1;
+  }
+  void add(Geometry g, int node) {
+    scene.shapes.push_back({std::move(g), make_black(), std::nullopt, "", ""});
+    scene.groups.push_back({int(scene.shapes.size()) - 1});
+    scene.instances.push_back({int(scene.groups.size()) - 1, node, "", true});
+  }
+};
+
+Scene everything_moves() {
+  SceneBuilder b;
+  const int rigid = b.node(turning({1, 2, 3}, 2.5, {-4, 0, 0}, {-3, 1, 0}, {1, 1, 1}, {1, 1, 1}));
+  const int nested = b.node(turning({0, 1, 0}, -1.5, {1, 0, 0}, {1, 0.5, 0}, {1, 1, 1}, {1.5, 0.7, 1}),
+                            b.node(turning({0, 0, 1}, 1, {0, 4, 0}, {0, 3.5, 1}, {1, 2, 1}, {1, 1.5, 1})));
+  const int fixed = b.node(Affine3d(translate(Vec3d{4, 0, 0}) * rotation(axis_angle(Vec3d{0, 1, 0}, 0.3))));
+  b.add(bumpy_sphere(), rigid);
+  b.add(bumpy_sphere(), nested);
+  b.add(bumpy_sphere(), fixed);
+  b.add(Sphere{Affine3f(scale(Vec3f{1, 0.6f, 0.8f}))}, b.node(turning({1, 0, 0}, 2, {0, -4, 0}, {1, -4, 0}, {1, 1, 1}, {1, 1, 1})));
+  b.add(Cylinder{}, b.node(turning({1, 0, 1}, 2, {4, 4, 0}, {4, 3, 0}, {1, 1, 1}, {1, 1, 1})));
+  b.add(Disk{}, b.node(turning({1, 0, 1}, 2, {-4, 4, 0}, {-4, 4, 1}, {1, 1, 1}, {1, 1, 1})));
+  Mesh morph = bumpy_sphere();
+  MorphTarget target;
+  for (const Vec3f& p : morph.positions) {
+    target.positions.push_back({0.5f * std::sin(3 * p.y), 0.3f * p.x, 0});
+    target.normals.push_back({0.2f * p.y, 0, 0});
+  }
+  morph.morph_targets = {target};
+  morph.morph_weights = {{0, 0.4, 1}, {std::vector<float>{0}, {1}, {0.2f}}, Interpolation::kLinear};
+  b.add(morph, b.node(turning({0, 1, 0}, 1, {-4, -4, 0}, {-4, -4, 1}, {1, 1, 1}, {1, 1, 1})));
+  Mesh skinned = bumpy_sphere();
+  skinned.skin.influences = 2;
+  const int root = b.node(Affine3d(translate(Vec3d{4, -4, 0})));
+  const int joint = b.node(turning({0, 0, 1}, 1.2, {0, 0, 0}, {0, 0.2, 0}, {1, 1, 1}, {1, 1, 1}), root);
+  skinned.skin.joints = {{root, Affine3d{}}, {joint, Affine3d{}}};
+  for (const Vec3f& p : skinned.positions) {
+    const float w = std::clamp(0.5f + 0.5f * p.y, 0.0f, 1.0f);
+    for (const std::uint16_t j : {0, 1}) skinned.skin.indices.push_back(j);
+    skinned.skin.weights.push_back(1 - w);
+    skinned.skin.weights.push_back(w);
+  }
+  b.add(skinned, -1);
+  Mesh cached = bumpy_sphere();
+  for (int k = 0; k <= 3; ++k) {
+    VertexCacheSample sample{k / 3.0, cached.positions, {}};
+    for (Vec3f& p : sample.positions) p = p * (1 + 0.1f * float(k)) + Vec3f{0, 0, 4};
+    cached.cache.push_back(sample);
+  }
+  b.add(cached, -1);
+  return b.scene;
+}
+
+Ray random_ray(std::uint64_t i, TimeSpan span) {
+  const auto r = [&](int k) { return uniform(i, std::uint64_t(k)); };
+  const float z = 1 - 2 * r(0), phi = 2 * kPi * r(1), s = std::sqrt(1 - z * z);
+  const Vec3f o = Vec3f{s * std::cos(phi), s * std::sin(phi), z} * 12;
+  const Vec3f target{10 * r(2) - 5, 10 * r(3) - 5, 6 * r(4) - 1};
+  return {o, normalize(target - o), 0, kInfinity, span.begin + (span.end - span.begin) * r(5)};
+}
+
+// A point carried by the resampled motion lies where the ray at that time hit it: for every kind of motion.
+TEST(RayScene, PointsAgreeWithRaysAtAnyTime) {
+  const Scene scene = everything_moves();
+  validate(scene);
+  GeometryCache cache;
+  const TimeSpan span{0.25, 0.75};
+  const RayScene rays(scene, span, {0, 1}, {.motion_step = 1.0 / 16}, cache);
+  std::vector<int> hits(scene.shapes.size());
+  for (std::uint64_t i = 0; i < 60000; ++i) {
+    const Ray ray = random_ray(i, span);
+    const auto hit = rays.intersect(ray);
+    EXPECT_EQ(hit.has_value(), rays.occluded(ray));
+    if (!hit) continue;
+    ++hits[hit->point.shape];
+    const Vec3f p = rays.position(hit->point, ray.time);
+    EXPECT_LT(length(p - (ray.o + ray.d * hit->t)), 2e-5f) << "shape " << hit->point.shape;
+    const ShadingPoint s = rays.shading_point(hit->point, ray.time, -ray.d);
+    EXPECT_EQ(s.p, p);
+    EXPECT_NEAR(length(s.ng), 1, 1e-5);
+    EXPECT_LT(std::abs(dot(s.frame.n, s.frame.s)), 1e-5f);
+  }
+  for (std::size_t k = 0; k < hits.size(); ++k) EXPECT_GT(hits[k], 300) << "shape " << k << " is hardly tested";
+}
+
+// The grid is global: RayScenes over different spans describe the same motion to the bit.
+TEST(RayScene, OverlappingSpansAgreeExactly) {
+  const Scene scene = everything_moves();
+  GeometryCache cache;
+  const RayScene a(scene, {0.25, 0.5}, {0, 1}, {.motion_step = 1.0 / 16}, cache);
+  const RayScene b(scene, {0.5, 0.8}, {0.2, 0.9}, {.motion_step = 1.0 / 16}, cache);
+  int tested = 0;
+  for (std::uint64_t i = 0; i < 4000; ++i) {
+    const auto hit = a.intersect(random_ray(i, {0.25, 0.5}));
+    if (!hit) continue;
+    ++tested;
+    for (const double t : {0.21, 0.3, 0.5, 0.61, 0.89}) {
+      EXPECT_EQ(a.position(hit->point, t), b.position(hit->point, t)) << "shape " << hit->point.shape << " time " << t;
+      EXPECT_EQ(a.shading_point(hit->point, t, {0, 0, 1}).frame.n, b.shading_point(hit->point, t, {0, 0, 1}).frame.n);
+    }
+  }
+  EXPECT_GT(tested, 1000);
+}
+
+TEST(RayScene, VelocitiesMatchFiniteDifferences) {
+  const Scene scene = everything_moves();
+  GeometryCache cache;
+  const RayScene rays(scene, {0.25, 0.75}, {0, 1}, {.motion_step = 1.0 / 8}, cache);
+  for (std::uint64_t i = 0; i < 3000; ++i) {
+    Ray ray = random_ray(i, {0.25, 0.75});
+    ray.time = 0.25 + 0.125 * (double(i % 4) + 0.5);  // inside a segment
+    const auto hit = rays.intersect(ray);
+    if (!hit) continue;
+    const double h = 1.0 / 64;
+    const SurfaceMotion m = rays.motion(hit->point, ray.time);
+    const Vec3f dp = (rays.position(hit->point, ray.time + h) - rays.position(hit->point, ray.time - h)) * float(0.5 / h);
+    EXPECT_LT(length(m.dpdt - dp), 2e-3f * (1 + length(dp))) << "shape " << hit->point.shape;
+    const auto normal = [&](double t) { return rays.shading_point(hit->point, t, {0, 0, 1}).frame.n; };
+    const Vec3f dn = (normal(ray.time + h) - normal(ray.time - h)) * float(0.5 / h);
+    EXPECT_LT(length(m.dndt - dn), 4e-3f * (1 + length(dn))) << "shape " << hit->point.shape;
+  }
+}
+
+TEST(RayScene, NormalsFollowTheSurface) {
+  // Flat shading: the geometric normal from vertices must equal the one that instances transform.
+  SceneBuilder b;
+  Mesh cube = make_cube();
+  Affine3d mirrored = scale(Vec3d{-1, 2, 0.5});
+  b.add(cube, b.node(mirrored));
+  b.add(cube, b.node(turning({1, 1, 0}, 2, {4, 0, 0}, {4, 1, 0}, {-1, 2, 1}, {-1, 1, 1})));
+  GeometryCache cache;
+  const RayScene rays(b.scene, {0, 1}, {0, 1}, {.motion_step = 1.0 / 16}, cache);
+  for (const std::uint32_t instance : {0u, 1u}) {
+    for (std::uint32_t t = 0; t < 12; ++t) {
+      const SurfacePoint point{instance, instance, t, 0.3f, 0.3f};
+      const Vec3f center = instance == 0 ? Vec3f{} : Vec3f(b.scene.world(b.scene.instances[1].node, 0.5).translation);
+      Vec3f ng;
+      const Vec3f p = rays.position(point, 0.5, &ng);
+      EXPECT_GT(dot(ng, p - center), 0) << "a face of a mirrored cube points inwards";
+      EXPECT_LT(length(rays.shading_point(point, 0.5, ng).ng - ng), 1e-5f);
+    }
+  }
+}
+
+TEST(RayScene, InstancesOfOneGroupShareGeometry) {
+  SceneBuilder b;
+  b.add(bumpy_sphere(128, 256), b.node(translate(Vec3d{0, 0, 0})));
+  for (int i = 1; i < 1000; ++i) b.scene.instances.push_back({0, b.node(translate(Vec3d{3.0 * i, 0, 0})), "", true});
+  GeometryCache cache;
+  const RayScene rays(b.scene, {0, 0}, {0, 0}, {}, cache);
+  // 65536 triangles take some 8 MB; a thousand copies may add only their instances.
+  EXPECT_LT(rays.memory(), 40u << 20);
+  const auto hit = rays.intersect({{2997, 0, 10}, {0, 0, -1}, 0, kInfinity, 0});
+  ASSERT_TRUE(hit);
+  EXPECT_EQ(hit->point.instance, 999u);
+}
+
+TEST(RayScene, ResamplingErrorFallsWithTheStep) {
+  Scene scene = everything_moves();
+  // Morph and cache keys fall between knots, where the error depends on where exactly: the others converge regularly.
+  std::erase_if(scene.instances, [&](const Instance& i) {
+    const auto* mesh = std::get_if<Mesh>(&scene.shapes[std::size_t(i.group)].geometry);
+    return mesh && (!mesh->cache.empty() || !mesh->morph_targets.empty());
+  });
+  float previous = kInfinity;
+  for (const double step : {1.0 / 4, 1.0 / 8, 1.0 / 16}) {
+    GeometryCache cache;
+    const RayScene rays(scene, {0, 1}, {0, 1}, {.motion_step = step}, cache);
+    EXPECT_GT(rays.resampling_error(), 0);
+    EXPECT_LT(rays.resampling_error(), previous * 0.5f);
+    previous = rays.resampling_error();
+  }
+}
+
+TEST(RayScene, TooManySegmentsIsAnError) {
+  const Scene scene = everything_moves();
+  GeometryCache cache;
+  try {
+    const RayScene rays(scene, {0, 1}, {0, 1}, {.motion_step = 1.0 / 200}, cache);
+    FAIL() << "built 200 segments";
+  } catch (const Error& e) {
+    EXPECT_EQ(e.code(), ErrorCode::kOutOfRange);
+  }
+}
+
+TEST(RayScene, HiddenNodesAreNotHit) {
+  SceneBuilder b;
+  b.scene.nodes.push_back({-1, {}, "", Animated<float>({0.0, 1.0}, {1.0f, 0.0f}, Interpolation::kStep)});
+  b.add(bumpy_sphere(), 0);
+  for (const double t : {0.5, 1.5}) {
+    GeometryCache cache;
+    const RayScene rays(b.scene, {t, t}, {t, t}, {}, cache);
+    EXPECT_EQ(rays.occluded({{0, 0, 5}, {0, 0, -1}, 0, kInfinity, t}), t < 1);
+  }
+}
+
+}  // namespace
+}  // namespace tempera

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// An integrator estimates light transport and writes named layers. It owns no threads and no files: the pipeline cuts a
+// shot into work units (tiles of a frame), runs them in any order and writes the frames.
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "tempera/accel/ray_scene.h"
+#include "tempera/core/params.h"
+#include "tempera/core/time.h"
+#include "tempera/frames/frame.h"
+#include "tempera/frames/layers.h"
+#include "tempera/paths/camera_model.h"
+#include "tempera/paths/light_path_expression.h"
+#include "tempera/paths/light_sampler.h"
+#include "tempera/paths/pixel_filter.h"
+#include "tempera/paths/sample_stream.h"
+#include "tempera/scene/scene.h"
+
+namespace tempera {
+
+/// A class of light paths that is wanted as layers of its own.
+struct PathClass {
+  std::string name;        ///< layer class.<name>.color
+  std::string expression;  ///< e.g. "ERD.*"; see light_path_expression.h
+};
+
+/// What is rendered, apart from the scene and the integrator's own parameters.
+struct RenderSettings {
+  int width = 1280, height = 720;
+  int crop_x = 0, crop_y = 0, crop_width = 0, crop_height = 0;  ///< crop_width 0: the whole picture
+  int camera = 0;
+  FrameClock clock;
+  int spp = 64;
+  std::uint64_t seed = 0;
+  bool seed_per_frame = true;  ///< false: every frame gets the same noise pattern
+  SamplerKind sampler = SamplerKind::kSobol;
+  PixelFilter filter;
+  std::vector<std::string> layers{"color"};  ///< requested layer names (frames/layers.h); "color" is always written
+  std::vector<PathClass> classes;
+  bool classes_are_decomposition = false;    ///< check disjointness, add "residual", components sum to color exactly
+  int cryptomatte_depth = 6;
+  std::string canonical() const;             ///< all fields as text, for metadata and resume
+
+  int x0() const { return crop_width > 0 ? crop_x : 0; }
+  int y0() const { return crop_width > 0 ? crop_y : 0; }
+  int x1() const { return crop_width > 0 ? crop_x + crop_width : width; }
+  int y1() const { return crop_width > 0 ? crop_y + crop_height : height; }
+};
+
+/// Everything that is fixed while one frame renders.
+struct FrameContext {
+  const Scene& scene;
+  const RayScene& rays;
+  const LightSampler& lights;
+  const CameraModel& camera;
+  const LightPathClassifier& classifier;
+  const RenderSettings& settings;
+  int frame = 0;
+};
+
+/// The quantum of parallelism, checkpoint and resume: pixels [x0,x1) x [y0,y1) of the frame with all their samples.
+struct Tile {
+  int x0 = 0, y0 = 0, x1 = 0, y1 = 0;
+};
+
+/// A sample whose radiance was not finite. It was dropped (the pixel averages over the others).
+struct BadSample {
+  int frame = 0, x = 0, y = 0, sample = 0;
+};
+
+/// Counts over a render. Threads: updated once per tile.
+struct RenderCounters {
+  std::atomic<std::uint64_t> samples{0}, rays{0}, shadow_rays{0}, bad_samples{0};
+  void note_bad(const BadSample& s) {
+    ++bad_samples;
+    const std::scoped_lock lock(mutex);
+    if (first_bad.size() < 16) first_bad.push_back(s);
+  }
+  std::mutex mutex;
+  std::vector<BadSample> first_bad;
+};
+
+class Integrator {
+ public:
+  virtual ~Integrator() = default;
+  /// Layers that `render` will write; known before a ray is traced, so that a pipeline is checked up front.
+  /// Errors: Error{kUnknownName | kUnsupported} for a requested layer that this integrator cannot write.
+  virtual std::vector<LayerDesc> outputs(const RenderSettings& settings) const = 0;
+
+  /// Writes the estimates of one tile to `out`.
+  /// Shapes:  every layer of `outputs()` exists in `out` with the size of the crop window; tile coordinates are pixels of
+  ///          the full picture; pixel (x, y) is stored at (x - settings.x0(), y - settings.y0()).
+  /// Units:   radiance in W/(m^2 sr), scene-linear RGB; time in seconds.
+  /// Result:  a function of (scene, settings, parameters, tile) alone: not of threads, order, or the split over machines.
+  /// Errors:  returns early once `stop` is requested (the tile is then incomplete and must be discarded).
+  /// Threads: const and re-entrant; called concurrently for disjoint tiles.
+  virtual void render(const FrameContext& context, const Tile& tile, Frame& out, RenderCounters& counters,
+                      std::stop_token stop) const = 0;
+
+  /// Renders the single sample (x, y, sample) of the frame and returns its radiance: to replay a bad sample.
+  virtual Rgb replay(const FrameContext& context, int x, int y, int sample) const = 0;
+};
+
+/// A frame with all layers of `integrator`, zero, and the metadata that goes with them (cryptomatte manifest).
+Frame make_frame(const Integrator& integrator, const RenderSettings& settings, const Scene& scene);
+
+/// A name that users can choose, its help line, its parameters and its factory.
+struct IntegratorEntry {
+  std::string name;
+  std::string help;
+  std::span<const ParamSpec> params;
+  std::unique_ptr<Integrator> (*make)(const Params& params);
+};
+
+/// All integrators, in the order of the manual.
+std::span<const IntegratorEntry* const> integrator_catalog();
+/// Errors: Error{kUnknownName} at `loc` with the known names.
+const IntegratorEntry& find_integrator(const std::string& name, const SourceLoc& loc = {});
+
+}  // namespace tempera

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Primary sample space with addressed coordinates: every random number of a path is a function of its key (seed, stream,
+// pixel, sample) and of its coordinate (vertex, purpose). Nothing is drawn in sequence, so offset paths, replays, resumed
+// units and any number of threads see the same numbers.
+#include <cstdint>
+
+#include "tempera/core/random.h"
+#include "tempera/core/vec.h"
+
+namespace tempera {
+
+enum class SamplerKind : std::uint8_t { kSobol, kIndependent };
+
+/// Coordinates of the camera vertex.
+enum class CameraDim : std::uint32_t { kPixel = 0, kLens = 2, kTime = 4, kSpare = 5 };
+/// Coordinates of a scattering vertex; numbers that are used as a pair start at an even coordinate.
+enum class VertexDim : std::uint32_t { kDirection = 0, kLightPoint = 2, kLobe = 4, kLightChoice = 5, kRoulette = 6, kOpacity = 7 };
+
+inline constexpr std::uint32_t kDimsPerVertex = 8;
+constexpr std::uint32_t coordinate(CameraDim d) { return std::uint32_t(d); }
+/// Vertex b = 0 is the first surface after the camera.
+constexpr std::uint32_t coordinate(std::uint32_t vertex, VertexDim d) { return kDimsPerVertex * (vertex + 1) + std::uint32_t(d); }
+
+namespace detail {
+// The steps of the Sobol sampler for one 32-bit word or several at once (vector extensions of gcc and clang, compiled to
+// whatever the target has), so that each exists once.
+using Words4 = std::uint32_t __attribute__((vector_size(16)));
+using Words8 = std::uint32_t __attribute__((vector_size(32)));
+
+template <class W>
+constexpr W reverse_bits(W x) {
+  x = (x >> 16) | (x << 16);
+  x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
+  x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
+  x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
+  return ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
+}
+/// Owen's nested uniform scramble of a number whose digits are given in reverse, as a hash in which no bit depends on
+/// those above it [Laine 2011; Burley 2020]; constants of [Vegdahl 2021].
+template <class W>
+constexpr W scramble_reversed(W x, W seed) {
+  x ^= x * 0x3d20adeau;
+  x += seed;
+  x *= (seed >> 16) | 1u;
+  x ^= x * 0x05526c56u;
+  return x ^ (x * 0x53a22864u);
+}
+/// Second dimension of Sobol's sequence at `index`, with its digits reversed. Its generator matrix is Pascal's triangle
+/// modulo 2; by Lucas' theorem the product is a sum over supersets of bit positions: five steps instead of 32.
+template <class W>
+constexpr W sobol2_reversed(W index) {
+  index ^= (index >> 16) & 0x0000ffffu;
+  index ^= (index >> 8) & 0x00ff00ffu;
+  index ^= (index >> 4) & 0x0f0f0f0fu;
+  index ^= (index >> 2) & 0x33333333u;
+  return index ^ ((index >> 1) & 0x55555555u);
+}
+}  // namespace detail
+
+/// All random numbers of one scattering vertex.
+struct VertexNumbers {
+  Vec2f direction, light_point;
+  float lobe = 0, light_choice = 0, roulette = 0, opacity = 0;
+};
+
+/// The random numbers of one sample of one pixel, each in [0,1). A small value; copying it replays it.
+///
+/// kSobol: coordinates 2k and 2k + 1 form a (0,2)-sequence over the samples of a pixel, Owen-scrambled and visited in an
+/// order that is shuffled (again by nested scrambling, so that every aligned power of two of samples is a net) for each
+/// key and pair: pairs are independent of each other [Burley 2020]. Any number of samples serves; powers of two best.
+/// kIndependent: hashes.
+class SampleStream {
+ public:
+  /// `stream` separates independent pictures (the frame number, or another frame's to replay it).
+  SampleStream(SamplerKind kind, std::uint64_t seed, std::int64_t stream, int x, int y, std::uint32_t sample)
+      : key_(hash_key(seed, std::uint64_t(stream), (std::uint64_t(std::uint32_t(y)) << 32) | std::uint32_t(x))),
+        reversed_sample_(detail::reverse_bits(sample)),
+        kind_(kind) {
+    if (kind == SamplerKind::kIndependent) key_ = hash_key(key_, sample);
+  }
+
+  /// Coordinate c alone: get1(2k) == get2(2k).x and get1(2k + 1) == get2(2k).y.
+  float get1(std::uint32_t c) const {
+    const std::uint64_t h = pair_hash(c / 2);
+    if (kind_ == SamplerKind::kIndependent) return to_unit_float(std::uint32_t(c & 1 ? h >> 32 : h));
+    const std::uint32_t i = detail::reverse_bits(detail::scramble_reversed(reversed_sample_, order_seed(h)));
+    const std::uint32_t digits = c & 1 ? detail::scramble_reversed(detail::sobol2_reversed(i), std::uint32_t(h >> 32))
+                                       : detail::scramble_reversed(i, std::uint32_t(h));
+    return to_unit_float(detail::reverse_bits(digits));
+  }
+  /// Two coordinates, c and c + 1, jointly well distributed over the samples of a pixel. Pre: c is even.
+  Vec2f get2(std::uint32_t c) const {
+    const std::uint64_t h = pair_hash(c / 2);
+    const std::uint32_t low = std::uint32_t(h), high = std::uint32_t(h >> 32);
+    if (kind_ == SamplerKind::kIndependent) return {to_unit_float(low), to_unit_float(high)};
+    const std::uint32_t i = detail::reverse_bits(detail::scramble_reversed(reversed_sample_, order_seed(h)));
+    // The first dimension is the index with its digits reversed, so its reversed digits are the index.
+    const detail::Words4 digits{i, detail::sobol2_reversed(i)};
+    const detail::Words4 bits = detail::reverse_bits(detail::scramble_reversed(digits, detail::Words4{low, high}));
+    return {to_unit_float(bits[0]), to_unit_float(bits[1])};
+  }
+  /// The numbers of vertex b, equal to get1 and get2 of its coordinates, for little more than the price of one pair.
+  VertexNumbers vertex(std::uint32_t b) const {
+    static_assert(kDimsPerVertex == 8);
+    const std::uint32_t pair = kDimsPerVertex / 2 * (b + 1);
+    const std::uint64_t h0 = pair_hash(pair), h1 = pair_hash(pair + 1), h2 = pair_hash(pair + 2), h3 = pair_hash(pair + 3);
+    // Lanes 0 to 3: first dimensions of the four pairs; 4 to 7: second.
+    detail::Words8 bits{std::uint32_t(h0),       std::uint32_t(h1),       std::uint32_t(h2),       std::uint32_t(h3),
+                        std::uint32_t(h0 >> 32), std::uint32_t(h1 >> 32), std::uint32_t(h2 >> 32), std::uint32_t(h3 >> 32)};
+    if (kind_ != SamplerKind::kIndependent) {
+      const detail::Words4 seeds{order_seed(h0), order_seed(h1), order_seed(h2), order_seed(h3)};
+      const detail::Words4 sample = detail::Words4{} + reversed_sample_;
+      const detail::Words4 i = detail::reverse_bits(detail::scramble_reversed(sample, seeds));
+      const detail::Words4 j = detail::sobol2_reversed(i);
+      const detail::Words8 digits{i[0], i[1], i[2], i[3], j[0], j[1], j[2], j[3]};
+      bits = detail::reverse_bits(detail::scramble_reversed(digits, bits));
+    }
+    const auto u = [&](VertexDim d) {
+      const std::uint32_t k = std::uint32_t(d);
+      return to_unit_float(bits[k / 2 + (k & 1) * 4]);
+    };
+    const auto u2 = [&](VertexDim d) { return Vec2f{u(d), u(VertexDim(std::uint32_t(d) + 1))}; };
+    return {u2(VertexDim::kDirection), u2(VertexDim::kLightPoint), u(VertexDim::kLobe),
+            u(VertexDim::kLightChoice), u(VertexDim::kRoulette),   u(VertexDim::kOpacity)};
+  }
+
+ private:
+  std::uint64_t pair_hash(std::uint32_t pair) const { return mix64(key_ + (pair + 1) * 0x9e3779b97f4a7c15ull); }
+  /// A third seed beside the two halves of a pair's hash.
+  static std::uint32_t order_seed(std::uint64_t h) { return std::uint32_t((h * 0xd6e8feb86659fd93ull) >> 32); }
+
+  std::uint64_t key_;
+  std::uint32_t reversed_sample_;
+  SamplerKind kind_;
+};
+
+}  // namespace tempera

@@ -1,0 +1,439 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/paths/light_sampler.h"
+
+#include <cmath>
+#include <unordered_map>
+
+#include "distribution.h"
+
+namespace tempera {
+
+namespace {
+
+/// An emitting shape at one place.
+struct AreaLight {
+  std::uint32_t instance = 0, shape = 0;
+  const AreaEmission* emission = nullptr;
+  const Mesh* mesh = nullptr;    // null: analytic
+  Discrete triangles;            // by area at the reference time
+  float fixed_pdf_area = 0;      // 1 / area where the surface never moves; 0: ask at the time
+  int analytic = -1;             // index of the geometry variant: 1 sphere, 2 disk, 3 cylinder
+  Affine3f object_from_unit;
+};
+
+/// Piecewise constant density over the texels of a latitude-longitude picture.
+struct EnvironmentMap {
+  const Environment* environment = nullptr;
+  Discrete rows;
+  std::vector<Discrete> columns;
+  Affine3f world_from_local;  // when fixed
+  bool fixed = true;
+};
+
+
+}  // namespace
+
+struct LightSampler::Impl {
+  const Scene* scene = nullptr;
+  const RayScene* rays = nullptr;
+  std::vector<AreaLight> areas;
+  std::vector<EnvironmentMap> environments;
+  std::unordered_map<std::uint64_t, std::uint32_t> area_index;  // (instance, shape) -> areas
+  Discrete choice;  // areas, then punctual lights, then environments
+  double reference_time = 0;
+
+  Affine3f environment_frame(const EnvironmentMap& e, double t) const {
+    return e.fixed ? e.world_from_local : Affine3f(scene->world(e.environment->node, t));
+  }
+  static Vec2f to_uv(const Vec3f& local) {
+    float u = std::atan2(local.x, -local.z) * (0.5f * kInvPi);
+    if (u < 0) u += 1;
+    return {u, std::acos(std::clamp(local.y, -1.0f, 1.0f)) * kInvPi};
+  }
+  static Rgb texture(const Environment& e, const Vec2f& uv) {
+    const float x = uv.x * float(e.width) - 0.5f, y = std::clamp(uv.y * float(e.height) - 0.5f, 0.0f, float(e.height - 1));
+    const int x0 = int(std::floor(x)), y0 = int(y), y1 = std::min(y0 + 1, e.height - 1);
+    const float fx = x - float(x0), fy = y - float(y0);
+    const auto at = [&](int i, int j) -> const Rgb& {
+      i = i < 0 ? i + e.width : i >= e.width ? i - e.width : i;
+      return e.image[std::size_t(j) * std::size_t(e.width) + std::size_t(i)];
+    };
+    return (at(x0, y0) * (1 - fx) + at(x0 + 1, y0) * fx) * (1 - fy) + (at(x0, y1) * (1 - fx) + at(x0 + 1, y1) * fx) * fy;
+  }
+  Rgb radiance(const EnvironmentMap& e, const Vec3f& d, double t) const {
+    const Rgb factor = e.environment->radiance.at(t);
+    if (e.environment->image.empty()) return factor;
+    return factor * texture(*e.environment, to_uv(environment_frame(e, t).transposed_vector(d)));
+  }
+  float pdf(const EnvironmentMap& e, const Vec3f& d, double t) const {
+    if (e.environment->image.empty()) return 0.25f * kInvPi;
+    const Vec3f local = environment_frame(e, t).transposed_vector(d);
+    const Vec2f uv = to_uv(local);
+    const int w = e.environment->width, h = e.environment->height;
+    const auto row = std::uint32_t(std::clamp(int(uv.y * float(h)), 0, h - 1));
+    const auto column = std::uint32_t(std::clamp(int(uv.x * float(w)), 0, w - 1));
+    const float sin_theta = std::sqrt(std::max(0.0f, 1 - local.y * local.y));
+    if (sin_theta <= 0) return 0;
+    return e.rows.probability(row) * e.columns[row].probability(column) * float(w) * float(h) /
+           (2 * kPi * kPi * sin_theta);
+  }
+  Vec3f sample_direction(const EnvironmentMap& e, double t, Vec2f u) const {
+    if (e.environment->image.empty()) {
+      const float z = 1 - 2 * u.x, r = std::sqrt(std::max(0.0f, 1 - z * z)), phi = 2 * kPi * u.y;
+      return {r * std::cos(phi), r * std::sin(phi), z};
+    }
+    const std::uint32_t row = e.rows.sample(u.y), column = e.columns[row].sample(u.x);
+    const float phi = 2 * kPi * (float(column) + u.x) / float(e.environment->width);
+    const float theta = kPi * (float(row) + u.y) / float(e.environment->height);
+    const float s = std::sin(theta);
+    const Vec3f local{s * std::sin(phi), std::cos(theta), -s * std::cos(phi)};
+    return normalize(environment_frame(e, t).vector(local));
+  }
+  float choice_probability(std::size_t light) const { return choice.probability(std::uint32_t(light)); }
+  std::size_t first_environment() const { return areas.size() + scene->lights.size(); }
+
+  /// Center and radius if the light is a sphere under a similarity at time t.
+  struct RoundSphere {
+    Vec3f center;
+    float radius = 0;
+  };
+  std::optional<RoundSphere> round_sphere(const AreaLight& light, double t) const {
+    if (light.analytic != 1) return std::nullopt;
+    const Affine3f m = world_from_unit(light, t);
+    const float a = length(m.x), b = length(m.y), c = length(m.z), eps = 1e-4f * a;
+    if (std::abs(a - b) > eps || std::abs(a - c) > eps) return std::nullopt;
+    return RoundSphere{m.translation, a};
+  }
+  Affine3f world_from_unit(const AreaLight& light, double t) const {
+    return rays->world_from_object(light.instance, light.shape, t) * light.object_from_unit;
+  }
+
+  float pdf_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& ng, double t) const;
+  std::optional<LightSample> sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u) const;
+  std::optional<LightSample> sample_punctual(const PunctualLight& light, const Vec3f& p, double t) const;
+  float area_of(const AreaLight& light, double t) const;
+};
+
+LightSampler::LightSampler(LightSampler&&) noexcept = default;
+LightSampler::~LightSampler() = default;
+bool LightSampler::empty() const { return impl_->choice.size() == 0; }
+bool LightSampler::has_environment() const { return !impl_->environments.empty(); }
+
+float LightSampler::Impl::area_of(const AreaLight& light, double t) const {
+  if (light.mesh) return float(light.triangles.total());
+  const Affine3f m = world_from_unit(light, t);
+  // Scale factor by the geometric mean: exact for similarities; only steers the choice of lights otherwise.
+  const float scale = std::cbrt(std::abs(m.determinant()));
+  const float unit = light.analytic == 1 ? 4 * kPi : light.analytic == 2 ? kPi : 2 * kPi;
+  return light.analytic == 1 ? unit * sqr(scale)
+         : light.analytic == 2 ? kPi * length(cross(m.x, m.y))
+                               : unit * std::sqrt(0.5f * (length_squared(m.x) + length_squared(m.y))) * length(m.z);
+}
+
+LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std::make_unique<Impl>()) {
+  Impl& s = *impl_;
+  s.scene = &scene;
+  s.rays = &rays;
+  s.reference_time = 0.5 * (rays.rays().begin + rays.rays().end);
+  std::vector<float> powers;
+  for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
+    const Instance& instance = scene.instances[i];
+    if (!scene.visible(instance.node, s.reference_time)) continue;
+    bool moving = false;
+    for (int n = instance.node; n >= 0; n = scene.nodes[std::size_t(n)].parent) {
+      moving |= !scene.nodes[std::size_t(n)].local.is_constant();
+    }
+    for (const int shape_index : scene.groups[std::size_t(instance.group)]) {
+      const Shape& shape = scene.shapes[std::size_t(shape_index)];
+      if (!shape.emission) continue;
+      const Rgb mean_radiance = shape.emission->radiance.mean(s.reference_time);
+      const bool varying = !shape.emission->radiance.factor.is_constant();
+      if (!varying && !(max_component(mean_radiance) > 0)) continue;
+      AreaLight light;
+      light.instance = i;
+      light.shape = std::uint32_t(shape_index);
+      light.emission = &*shape.emission;
+      light.mesh = std::get_if<Mesh>(&shape.geometry);
+      if (light.mesh) {
+        std::vector<float> areas(light.mesh->triangle_count());
+        for (std::uint32_t k = 0; k < areas.size(); ++k) {
+          areas[k] = rays.triangle_area(i, light.shape, k, s.reference_time);
+        }
+        light.triangles = Discrete(areas);
+        if (!(light.triangles.total() > 0)) continue;
+        if (!moving && !light.mesh->deforms()) light.fixed_pdf_area = float(1 / light.triangles.total());
+      } else {
+        light.analytic = int(shape.geometry.index());
+        light.object_from_unit = std::visit(
+            [](const auto& g) -> Affine3f {
+              if constexpr (requires { g.object_from_unit; }) return g.object_from_unit;
+              return {};
+            },
+            shape.geometry);
+        // A static analytic shape is placed in world space already; world_from_unit needs the instance's own transform.
+        if (!moving && rays.world_from_object(i, light.shape, s.reference_time) == Affine3f{}) {
+          light.object_from_unit = Affine3f(scene.world(instance.node, s.reference_time)) * light.object_from_unit;
+        }
+      }
+      powers.push_back(kPi * luminance(mean_radiance) * s.area_of(light, s.reference_time) *
+                       (light.emission->two_sided ? 2.0f : 1.0f));
+      s.area_index[(std::uint64_t(i) << 32) | light.shape] = std::uint32_t(s.areas.size());
+      s.areas.push_back(std::move(light));
+    }
+  }
+  const float radius = std::max(rays.bounds().radius(), 1e-6f);
+  for (const PunctualLight& light : scene.lights) {
+    const float intensity = luminance(light.intensity.at(s.reference_time)) * light.intensity_scale.at(s.reference_time);
+    const float cone = 2 * kPi * (1 - std::cos(light.cutoff_angle.at(s.reference_time)));
+    const bool shown = scene.visible(light.node, s.reference_time);
+    powers.push_back(!shown ? 0.0f
+                     : light.type == LightType::kDirectional ? intensity * kPi * sqr(radius)
+                     : light.type == LightType::kPoint       ? intensity * 4 * kPi
+                                                             : intensity * cone);
+  }
+  for (const Environment& environment : scene.environments) {
+    EnvironmentMap e;
+    e.environment = &environment;
+    e.world_from_local = Affine3f(scene.world(environment.node, s.reference_time));
+    for (int n = environment.node; n >= 0; n = scene.nodes[std::size_t(n)].parent) {
+      e.fixed &= scene.nodes[std::size_t(n)].local.is_constant();
+    }
+    double mean_luminance = 1;
+    if (!environment.image.empty()) {
+      const int w = environment.width, h = environment.height;
+      std::vector<float> row_sums(static_cast<std::size_t>(h)), weights(static_cast<std::size_t>(w));
+      double sum = 0, norm = 0;
+      const auto lum = [&](int x, int y) {
+        return std::max(0.0f, luminance(environment.image[std::size_t(std::clamp(y, 0, h - 1)) * std::size_t(w) +
+                                                          std::size_t((x + w) % w)]));
+      };
+      for (int y = 0; y < h; ++y) {
+        const float sin_theta = std::sin(kPi * (float(y) + 0.5f) / float(h));
+        double row = 0;
+        for (int x = 0; x < w; ++x) {
+          // The picture is interpolated between texel centers: a texel's weight must cover its neighbours' share.
+          float v = 0;
+          for (int j = -1; j <= 1; ++j) {
+            v += (j == 0 ? 0.5f : 0.25f) * (0.25f * lum(x - 1, y + j) + 0.5f * lum(x, y + j) + 0.25f * lum(x + 1, y + j));
+          }
+          weights[std::size_t(x)] = v;
+          row += v;
+        }
+        e.columns.emplace_back(weights);
+        row_sums[std::size_t(y)] = float(row) * sin_theta;
+        sum += row * sin_theta;
+        norm += double(w) * sin_theta;
+      }
+      e.rows = Discrete(row_sums);
+      mean_luminance = sum / norm;
+    }
+    powers.push_back(float(mean_luminance) * luminance(environment.radiance.at(s.reference_time)) * 4 * kPi * kPi * sqr(radius));
+    s.environments.push_back(std::move(e));
+  }
+  // Half by power, half evenly: power alone starves small lights that matter nearby.
+  double total = 0;
+  std::size_t usable = 0;
+  for (const float p : powers) total += p, usable += p > 0;
+  if (total > 0) {
+    for (float& p : powers) p = p > 0 ? float(0.5 * p / total + 0.5 / double(usable)) : 0;
+  }
+  s.choice = Discrete(powers);
+}
+
+float LightSampler::Impl::pdf_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& ng, double t) const {
+  if (light.fixed_pdf_area > 0) return light.fixed_pdf_area;
+  if (light.mesh) {
+    const float area = rays->triangle_area(light.instance, light.shape, point.primitive, t);
+    return area > 0 ? light.triangles.probability(point.primitive) / area : 0;
+  }
+  // Area element of an affine map: |det M| |M^-T n|, with n the unit-space normal; expressed through the world normal.
+  const Affine3f m = world_from_unit(light, t);
+  const Vec3f unit_normal = m.transposed_vector(ng);  // M^T n_world is parallel to the unit-space normal
+  const float stretch = std::abs(m.determinant()) / length(unit_normal);
+  const float unit_area = light.analytic == 1 ? 4 * kPi : light.analytic == 2 ? kPi : 2 * kPi;
+  return 1 / (unit_area * stretch);
+}
+
+std::optional<LightSample> LightSampler::Impl::sample_area(const AreaLight& light, const Vec3f& p, double t, float u1,
+                                                           Vec2f u) const {
+  LightSample r;
+  SurfacePoint point{light.instance, light.shape, 0, 0, 0};
+  float pdf_solid_angle = 0;
+  if (light.mesh) {
+    point.primitive = light.triangles.sample(u1);
+    // Uniform barycentrics without the square root's distortion [Heitz 2019, A Low-Distortion Map].
+    if (u.y > u.x) {
+      u.x *= 0.5f;
+      u.y -= u.x;
+    } else {
+      u.y *= 0.5f;
+      u.x -= u.y;
+    }
+    point.u = u.x, point.v = u.y;
+  } else if (const auto sphere = round_sphere(light, t)) {
+    const Vec3f to_center = sphere->center - p;
+    const float d2 = length_squared(to_center), r2 = sqr(sphere->radius);
+    const Affine3f unit_from_world = inverse(world_from_unit(light, t));
+    if (d2 > r2 * 1.0001f) {  // the visible cap, by solid angle
+      const float sin2_max = r2 / d2, cos_max = std::sqrt(std::max(0.0f, 1 - sin2_max));
+      const float one_minus_cos_max = sin2_max < 1e-3f ? 0.5f * sin2_max * (1 + 0.25f * sin2_max) : 1 - cos_max;
+      const float one_minus_cos = u.x * one_minus_cos_max, cos_theta = 1 - one_minus_cos;
+      const float sin_theta = std::sqrt(std::max(0.0f, one_minus_cos * (1 + cos_theta))), phi = 2 * kPi * u.y;
+      const Basis b(to_center * (1 / std::sqrt(d2)));
+      const Vec3f w = b.to_world({sin_theta * std::cos(phi), sin_theta * std::sin(phi), cos_theta});
+      const float along = dot(to_center, w);
+      const float half_chord = std::sqrt(std::max(0.0f, r2 - (d2 - along * along)));
+      const Vec3f q = unit_from_world.point(p + w * (along - half_chord));
+      const Vec3f n = normalize(q);
+      point.u = std::atan2(n.y, n.x) * (0.5f * kInvPi);
+      if (point.u < 0) point.u += 1;
+      point.v = std::acos(std::clamp(n.z, -1.0f, 1.0f)) * kInvPi;
+      pdf_solid_angle = 1 / (2 * kPi * one_minus_cos_max);
+    } else {
+      point.u = u.x;
+      point.v = std::acos(1 - 2 * u.y) * kInvPi;
+    }
+  } else {
+    point.u = u.x, point.v = u.y;
+    if (light.analytic == 1) point.v = std::acos(1 - 2 * u.y) * kInvPi;
+    if (light.analytic == 2) point.u = std::sqrt(u.x);
+  }
+  Vec3f ng;
+  const Vec3f q = rays->position(point, t, &ng);
+  const Vec3f to_light = q - p;
+  const float d2 = length_squared(to_light);
+  if (!(d2 > 0)) return std::nullopt;
+  r.distance = std::sqrt(d2);
+  r.wi = to_light * (1 / r.distance);
+  const float cosine = -dot(ng, r.wi);
+  if (cosine == 0 || (!light.emission->two_sided && cosine < 0)) return std::nullopt;
+  r.pdf = pdf_solid_angle > 0 ? pdf_solid_angle : pdf_area(light, point, ng, t) * d2 / std::abs(cosine);
+  const Slot& slot = light.emission->radiance;
+  r.radiance = slot.is_constant() ? slot.factor.values()[0] : slot.rgb(rays->shading_point(point, t, -r.wi));
+  r.point = point;
+  return r;
+}
+
+std::optional<LightSample> LightSampler::Impl::sample_punctual(const PunctualLight& light, const Vec3f& p, double t) const {
+  const Affine3f world = Affine3f(scene->world(light.node, t));
+  const Vec3f axis = normalize(world.z);
+  const Rgb intensity = light.intensity.at(t) * light.intensity_scale.at(t);
+  LightSample r;
+  r.delta = true;
+  if (light.type == LightType::kDirectional) {
+    r.wi = -axis;
+    r.distance = kInfinity;
+    r.radiance = intensity;
+    return r;
+  }
+  const Vec3f to_light = world.translation - p;
+  const float d2 = length_squared(to_light);
+  if (!(d2 > 0)) return std::nullopt;
+  r.distance = std::sqrt(d2);
+  r.wi = to_light * (1 / r.distance);
+  r.radiance = intensity * (1 / d2);
+  if (light.type == LightType::kPoint) return r;
+  // Direction from the light in its own frame; rotation only, a light has no size.
+  const Vec3f local{-dot(r.wi, normalize(world.x)), -dot(r.wi, normalize(world.y)), -dot(r.wi, axis)};
+  if (local.z <= 0) return std::nullopt;
+  ShadingPoint s;
+  s.time = t;
+  if (light.type == LightType::kProjector) {
+    const float tan_x = std::tan(0.5f * light.projector_fov), tan_y = tan_x / light.projector_aspect;
+    s.uv = {0.5f - 0.5f * local.x / (local.z * tan_x), 0.5f - 0.5f * local.y / (local.z * tan_y)};
+    if (!(s.uv.x >= 0 && s.uv.x <= 1 && s.uv.y >= 0 && s.uv.y <= 1)) return std::nullopt;
+    const float depth = local.z * r.distance;
+    r.radiance = intensity * (kPi / (depth * depth * local.z));
+    if (light.texture) r.radiance *= light.texture->rgb(s);
+    return r;
+  }
+  const float cutoff = light.cutoff_angle.at(t), beam = std::min(light.beam_width.at(t), cutoff);
+  float falloff = 1;
+  if (light.smooth_falloff) {  // KHR_lights_punctual, "Inner and Outer Cone Angles"
+    const float inner = std::cos(beam), outer = std::cos(cutoff);
+    falloff = sqr(std::clamp((local.z - outer) / std::max(1e-3f, inner - outer), 0.0f, 1.0f));
+  } else if (local.z < std::cos(beam)) {
+    falloff = std::clamp((cutoff - std::acos(local.z)) / std::max(1e-6f, cutoff - beam), 0.0f, 1.0f);
+  }
+  if (falloff <= 0) return std::nullopt;
+  r.radiance *= falloff;
+  if (light.texture) {
+    const float k = 0.5f / (local.z * std::tan(cutoff));
+    s.uv = {0.5f + k * local.x, 0.5f + k * local.y};
+    r.radiance *= light.texture->rgb(s);
+  }
+  return r;
+}
+
+std::optional<LightSample> LightSampler::sample(const Vec3f& p, double t, float u_choice, const Vec2f& u) const {
+  const Impl& s = *impl_;
+  if (s.choice.size() == 0) return std::nullopt;
+  const std::uint32_t light = s.choice.sample(u_choice);
+  const float probability = s.choice_probability(light);
+  if (light >= s.first_environment()) {
+    const EnvironmentMap& e = s.environments[light - s.first_environment()];
+    LightSample r;
+    r.wi = s.sample_direction(e, t, u);
+    r.distance = kInfinity;
+    r.radiance = environment(r.wi, t);
+    r.pdf = environment_pdf(r.wi, t);
+    return r.pdf > 0 ? std::optional(r) : std::nullopt;
+  }
+  if (light >= s.areas.size()) {
+    auto r = s.sample_punctual(s.scene->lights[light - s.areas.size()], p, t);
+    if (r) r->pdf = probability;
+    return r;
+  }
+  auto r = s.sample_area(s.areas[light], p, t, u_choice, u);
+  if (r) r->pdf *= probability;
+  return r;
+}
+
+Rgb LightSampler::emitted(const SurfacePoint& point, const ShadingPoint& s) const {
+  const auto& emission = impl_->scene->shapes[point.shape].emission;
+  if (!emission || (!emission->two_sided && dot(s.wo, s.ng) <= 0)) return Rgb(0.0f);
+  return emission->radiance.rgb(s);
+}
+
+float LightSampler::pdf(const SurfacePoint& point, const ShadingPoint& s, const Vec3f& from, float distance) const {
+  const auto it = impl_->area_index.find((std::uint64_t(point.instance) << 32) | point.shape);
+  if (it == impl_->area_index.end()) return 0;
+  const AreaLight& light = impl_->areas[it->second];
+  const float probability = impl_->choice_probability(it->second);
+  if (const auto sphere = impl_->round_sphere(light, s.time)) {
+    const float d2 = length_squared(sphere->center - from), r2 = sqr(sphere->radius);
+    if (d2 > r2 * 1.0001f) {
+      const float sin2 = r2 / d2;
+      const float one_minus_cos = sin2 < 1e-3f ? 0.5f * sin2 * (1 + 0.25f * sin2) : 1 - std::sqrt(std::max(0.0f, 1 - sin2));
+      return probability / (2 * kPi * one_minus_cos);
+    }
+  }
+  const float cosine = std::abs(dot(s.ng, s.wo));
+  return cosine > 0 ? probability * impl_->pdf_area(light, point, s.ng, s.time) * sqr(distance) / cosine : 0;
+}
+
+Rgb LightSampler::environment(const Vec3f& d, double t, bool from_camera) const {
+  Rgb sum;
+  for (const EnvironmentMap& e : impl_->environments) {
+    if (!from_camera || e.environment->camera_visible) sum += impl_->radiance(e, d, t);
+  }
+  return sum;
+}
+
+float LightSampler::environment_pdf(const Vec3f& d, double t) const {
+  float sum = 0;
+  for (std::size_t i = 0; i < impl_->environments.size(); ++i) {
+    sum += impl_->choice_probability(impl_->first_environment() + i) * impl_->pdf(impl_->environments[i], d, t);
+  }
+  return sum;
+}
+
+Vec3f LightSampler::environment_motion(const Vec3f& d, double from, double to) const {
+  for (const EnvironmentMap& e : impl_->environments) {
+    if (e.fixed) continue;
+    return normalize(impl_->environment_frame(e, to).vector(impl_->environment_frame(e, from).transposed_vector(d)));
+  }
+  return d;
+}
+
+}  // namespace tempera
