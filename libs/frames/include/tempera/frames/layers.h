@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// The layer vocabulary: which named layers exist, their channels, units and how they combine when frames are merged,
+// filtered or resampled. Code that handles layers asks the descriptor, never the name.
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "tempera/core/error.h"
+
+namespace tempera {
+
+/// How the same layer of several sample sets of one frame becomes one.
+enum class Combine {
+  kMean,      ///< average weighted by samples: radiance, features
+  kSum,       ///< added up: counts
+  kFirst,     ///< copied from the first: positions, depth, vectors, anything that must not be blended
+  kId,        ///< identifiers: copied, and never interpolated
+  kVariance,  ///< variance of a mean: sum of w_i^2 v_i with weights w_i that add up to 1
+};
+/// "mean", "sum", "first", "id" or "variance".
+std::string_view to_string(Combine combine);
+
+/// Units of layers: the `unit` of a LayerDesc is one of these, or any text for layers outside the vocabulary.
+namespace units {
+inline constexpr const char* kRadiance = "radiance, scene-linear Rec. 709";  ///< W/(m^2 sr)
+inline constexpr const char* kReflectance = "reflectance, linear Rec. 709";  ///< in [0,1]
+inline constexpr const char* kDirection = "unit vector, world space";
+inline constexpr const char* kMeters = "meters";
+inline constexpr const char* kWorld = "meters, world space";
+inline constexpr const char* kPixels = "pixels, x right, y down; Z meters; V 1 where valid";
+inline constexpr const char* kSquaredRadiance = "squared radiance";
+inline constexpr const char* kSeconds = "seconds";
+inline constexpr const char* kCount = "count";
+inline constexpr const char* kId = "identifier";
+inline constexpr const char* kTexture = "texture coordinates";
+}  // namespace units
+
+/// A layer: an image of one meaning. EXR channels are `<name>.<channel>`; the layer `color` is plain R, G, B, A.
+struct LayerDesc {
+  std::string name;                   ///< e.g. "motion.forward"
+  std::vector<std::string> channels;  ///< suffixes in storage order, e.g. {"X", "Y", "Z", "V"}; {""}: the name alone
+  std::string unit;                   ///< see units
+  Combine combine = Combine::kMean;
+
+  int channel_count() const { return int(channels.size()); }
+  /// Name of channel `c` in an EXR file.
+  std::string channel_name(int c) const;
+  bool operator==(const LayerDesc&) const = default;
+};
+
+namespace layers {
+LayerDesc color();             ///< "color" R,G,B,A: radiance, and A the part of the pixel that a surface covers
+LayerDesc color_a();           ///< "color.a" R,G,B: mean of the even samples
+LayerDesc color_b();           ///< "color.b" R,G,B: mean of the odd samples
+LayerDesc color_variance();    ///< "color.var" R,G,B: variance of the mean
+LayerDesc albedo();            ///< "albedo" R,G,B: directional-hemispherical reflectance of the first surface
+LayerDesc normal();            ///< "normal" X,Y,Z: shading normal in world space, whatever the camera; 0 where nothing is
+LayerDesc depth();             ///< "depth" Z: distance along the viewing axis; 0 where nothing is
+LayerDesc position();          ///< "position" X,Y,Z: world position; 0 where nothing is
+LayerDesc object_id();         ///< "object_id" I: 1 + index of the instance, exact up to 2^24; 0 where nothing is
+LayerDesc uv();                ///< "uv" U,V: texture coordinates
+LayerDesc emission();          ///< "emission" R,G,B: radiance that the first surface emits
+LayerDesc motion_forward();    ///< "motion.forward" X,Y,Z,V: next - current place of what the pixel shows; never NaN
+LayerDesc motion_backward();   ///< "motion.backward" X,Y,Z,V: previous - current
+LayerDesc grad_x();            ///< "grad.x" R,G,B: I[p + x] - I[p]
+LayerDesc grad_y();            ///< "grad.y" R,G,B: I[p + y] - I[p]
+LayerDesc grad_t();            ///< "grad.t" R,G,B: I[next frame, same surface point] - I[p]
+LayerDesc samples();           ///< "samples" N: paths traced through the pixel
+LayerDesc time();              ///< "time" T: mean shutter time, seconds on the shot's axis
+/// "Crypto<kind><rank>" R,G,B,A = id, coverage, id, coverage of two ranks, e.g. "CryptoObject00".
+LayerDesc crypto(int rank, std::string_view kind = "Object");
+/// "class.<class_name>.<layer>": `base` for the paths of one light-path class, e.g. class_layer("dd", color()) is
+/// "class.dd.color" (R,G,B, without alpha). Pre: class_name consists of letters, digits, '_' and '-'.
+LayerDesc class_layer(std::string_view class_name, const LayerDesc& base);
+/// "offset.<layer>": `base` for the temporal offset frame.
+LayerDesc offset(const LayerDesc& base);
+/// "<layer>.<suffix>": what a stage makes of `base`, e.g. "color.denoised".
+LayerDesc derived(const LayerDesc& base, std::string_view suffix);
+
+/// All layers of the vocabulary that have fixed names, in the order in which files hold them.
+const std::vector<LayerDesc>& known();
+/// The descriptor of any name of the vocabulary, with class.*, offset.* and Crypto* layers; none for other names.
+std::optional<LayerDesc> find(std::string_view name);
+}  // namespace layers
+
+/// Reads a comma list of layer names as users write it. "motion" stands for both directions, "halves" for color.a and
+/// color.b, "cryptomatte" for CryptoObject00 to 02; each layer appears once.
+/// Errors: Error{kUnknownName} at `loc` with the nearest known names.
+std::vector<LayerDesc> parse_layer_names(std::string_view text, const SourceLoc& loc = {});
+
+}  // namespace tempera

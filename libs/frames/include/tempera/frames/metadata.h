@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// What a frame file says about itself: named values in the EXR header, and the record of a render among them that lets
+// `--resume` recognise finished frames.
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string>
+#include <variant>
+
+namespace tempera {
+
+/// Values that EXR headers hold: string, int (32 bits), float or double. Reading gives double for both of the latter.
+using MetaValue = std::variant<std::string, int, double>;
+/// Full attribute name -> value, e.g. "tempera/seed", "cryptomatte/3e14daf/name".
+using Metadata = std::map<std::string, MetaValue>;
+
+/// The text of a value, numbers as short as they read back.
+std::string to_text(const MetaValue& value);
+
+/// The motion vector convention that every file states as "tempera/motion".
+inline constexpr const char* kMotionConvention =
+    "pixels, x right, y down; backward = previous - current, forward = next - current; Z = depth change in meters; "
+    "V = 1 where valid";
+
+/// How a frame was rendered: the attributes "tempera/<field>". The text fields are free of meaning to this module.
+struct RenderInfo {
+  std::string version;     ///< of the program
+  std::string command;     ///< command line
+  std::string scene;       ///< name of the scene file
+  std::string scene_hash;  ///< of everything that the scene consists of
+  std::string integrator;
+  std::string parameters;  ///< Params::canonical()
+  int spp = 0;
+  std::uint64_t seed = 0;
+  int frame = 0;
+  double fps = 24;
+  double shutter_open = 0, shutter_close = 0.5;  ///< fractions of a frame
+  double render_seconds = 0;                     ///< wall time spent on the frame
+
+  /// Whether `other` would hold the same pixels: all fields but command, scene (the name) and render time are equal.
+  bool same_render(const RenderInfo& other) const;
+  bool operator==(const RenderInfo&) const = default;
+};
+/// Sets the attributes of `info` and the motion vector convention.
+void set_render_info(Metadata& metadata, const RenderInfo& info);
+/// The record that set_render_info stored; none when it is missing or incomplete.
+std::optional<RenderInfo> render_info(const Metadata& metadata);
+
+}  // namespace tempera

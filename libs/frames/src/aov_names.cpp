@@ -1,0 +1,337 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/frames/aov_names.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <map>
+#include <set>
+
+namespace tempera {
+namespace {
+
+/// A layer under another program's name. `channels` replaces our suffixes one by one; an empty text means the name alone.
+struct Alias {
+  const char* ours;
+  const char* theirs;
+  std::vector<std::string> channels;
+};
+
+const std::vector<std::string> kRgba{"R", "G", "B", "A"}, kRgb{"R", "G", "B"}, kXyz{"X", "Y", "Z"};
+const std::vector<std::string> kLowRgb{"r", "g", "b"};
+
+// Blender 2.8 to 4: names of passes in multi-layer files, after "<view layer>.".
+const std::vector<Alias> kBlender{
+    {"color", "Combined", kRgba},
+    {"albedo", "Denoising Albedo", kRgb},
+    {"normal", "Denoising Normal", kXyz},
+    {"depth", "Depth", {"Z"}},
+    {"position", "Position", kXyz},
+    {"object_id", "IndexOB", {"X"}},
+    {"uv", "UV", {"U", "V"}},
+    {"emission", "Emit", kRgb},
+    {"samples", "Debug Sample Count", {"X"}},
+};
+const std::vector<Alias> kArnold{  // the features that noice looks for, and Arnold's built-in AOVs
+    {"color.var", "variance", kRgb},
+    {"albedo", "denoise_albedo", kRgb},
+    {"normal", "N", kXyz},
+    {"depth", "Z", {""}},
+    {"position", "P", kXyz},
+};
+const std::vector<Alias> kRenderman{  // the channels of PrmanDenoiseChannelDefine
+    {"color.var", "mse", kLowRgb},
+    {"albedo", "albedo", kLowRgb},
+    {"normal", "normal", kLowRgb},
+    {"depth", "z", {""}},
+    {"motion.forward", "forward", {"x", "y"}},
+    {"motion.backward", "backward", {"x", "y"}},
+};
+const std::vector<Alias> kPbrt{  // GBufferFilm
+    {"color.var", "Variance", kRgb},
+    {"albedo", "Albedo", kRgb},
+    {"normal", "Ns", kXyz},
+    {"position", "P", kXyz},
+};
+// Further names that only reading knows. Earlier rows win over later ones.
+const std::vector<Alias> kReadOnly{
+    {"albedo", "diffuse_albedo", kRgb}, {"normal", "N", kXyz}, {"depth", "Z", {""}}, {"color", "Ci", kRgba},
+};
+
+const std::vector<Alias>& table(AovNames names) {
+  static const std::vector<Alias> none;
+  switch (names) {
+    case AovNames::kBlender: return kBlender;
+    case AovNames::kArnold: return kArnold;
+    case AovNames::kRenderman: return kRenderman;
+    case AovNames::kPbrt: return kPbrt;
+    case AovNames::kTempera: return none;
+  }
+  return none;
+}
+
+std::string underscored(std::string name) {
+  std::replace(name.begin(), name.end(), '.', '_');
+  return name;
+}
+
+std::string join(const std::string& layer, const std::string& channel) {
+  return channel.empty() ? layer : layer.empty() ? channel : layer + "." + channel;
+}
+
+bool is_crypto(std::string_view name) { return name.starts_with("Crypto") && layers::find(name).has_value(); }
+
+/// The vocabulary's layer whose name with '_' for '.' is `pass`: Blender passes cannot hold dots.
+std::optional<LayerDesc> find_underscored(std::string_view pass) {
+  for (const LayerDesc& d : layers::known()) {
+    if (underscored(d.name) == pass) return d;
+  }
+  if (pass.starts_with("offset_")) {
+    if (const auto base = find_underscored(pass.substr(7))) return layers::find("offset." + base->name);
+  }
+  if (pass.starts_with("class_")) {
+    std::vector<std::string> bases{"reflectance"};
+    for (const LayerDesc& d : layers::known()) bases.push_back(d.name);
+    std::sort(bases.begin(), bases.end(), [](auto& a, auto& b) { return a.size() > b.size(); });
+    for (const std::string& base : bases) {
+      const std::string tail = "_" + underscored(base);
+      if (pass.ends_with(tail) && pass.size() > 6 + tail.size()) {
+        return layers::find(fmt::format("class.{}.{}", pass.substr(6, pass.size() - 6 - tail.size()), base));
+      }
+    }
+  }
+  return std::nullopt;
+}
+
+/// Position of a suffix among the usual ones, so that a layer's channels come out as R,G,B,A, X,Y,Z,W or U,V.
+int channel_rank(const std::string& suffix) {
+  static const std::array<const char*, 14> order{"r",     "g", "b", "a", "red", "green", "blue",
+                                                 "alpha", "x", "y", "z", "w",   "u",     "v"};
+  std::string low = suffix;
+  std::transform(low.begin(), low.end(), low.begin(), [](unsigned char c) { return char(std::tolower(c)); });
+  const auto it = std::find(order.begin(), order.end(), low);
+  return int(it - order.begin());
+}
+
+/// A layer as the file has it.
+struct RawLayer {
+  std::string name;  ///< "" for plain R, G, B, A, Y
+  std::vector<std::pair<std::string, int>> channels;
+  std::optional<LayerDesc> known;
+};
+
+/// The descriptor of one of our layers for the `count` channels that a foreign layer has of it.
+LayerSource foreign_layer(LayerDesc desc, const RawLayer& raw) {
+  LayerSource s{std::move(desc), {}};
+  const std::size_t n = std::min(s.desc.channels.size(), raw.channels.size());
+  s.desc.channels.resize(n);
+  for (std::size_t i = 0; i < n; ++i) s.channels.push_back({raw.channels[i].second, 1.0f});
+  return s;
+}
+
+bool is_plain_color(const std::string& channel) {
+  static const std::set<std::string> plain{"R", "G", "B", "A", "Y", "r", "g", "b", "a"};
+  return plain.contains(channel);
+}
+}  // namespace
+
+AovNames parse_aov_names(std::string_view text) {
+  static const std::map<std::string, AovNames, std::less<>> all{{"tempera", AovNames::kTempera},
+                                                                {"blender", AovNames::kBlender},
+                                                                {"arnold", AovNames::kArnold},
+                                                                {"renderman", AovNames::kRenderman},
+                                                                {"pbrt", AovNames::kPbrt}};
+  if (const auto it = all.find(text); it != all.end()) return it->second;
+  throw Error(ErrorCode::kUnknownName,
+              fmt::format("unknown AOV names \"{}\"; known: tempera, blender, arnold, renderman, pbrt", text));
+}
+
+std::vector<AovChannel> aov_channels(const std::vector<LayerDesc>& layers, AovNames names) {
+  std::vector<AovChannel> out;
+  const LayerDesc* forward = nullptr;
+  const LayerDesc* backward = nullptr;
+  for (const LayerDesc& d : layers) {
+    if (d.name == "motion.forward") forward = &d;
+    if (d.name == "motion.backward") backward = &d;
+    const Alias* alias = nullptr;
+    for (const Alias& a : table(names)) {
+      if (d.name == a.ours) alias = &a;
+    }
+    if (alias) {
+      const std::string prefix = names == AovNames::kBlender ? "ViewLayer." : "";
+      // A layer may hold fewer channels than ours usually has; it never has more of those with a name there.
+      const int n = std::min(d.channel_count(), int(alias->channels.size()));
+      for (int c = 0; c < n; ++c) out.push_back({join(prefix + alias->theirs, alias->channels[std::size_t(c)]), d.name, c, 1});
+      continue;
+    }
+    for (int c = 0; c < d.channel_count(); ++c) {
+      std::string name = d.channel_name(c);
+      if (names == AovNames::kBlender) {
+        // Its reader splits at the last two dots: <view layer>.<pass>.<channel>.
+        const std::string& suffix = d.channels[std::size_t(c)];
+        name = join("ViewLayer." + underscored(d.name), suffix.empty() ? "X" : suffix);
+      } else if (names == AovNames::kArnold && d.name.starts_with("CryptoObject")) {
+        name = join("crypto_object" + d.name.substr(12), d.channels[std::size_t(c)]);
+      } else if (names == AovNames::kPbrt && d.name == "uv") {
+        name = c == 0 ? "u" : "v";
+      }
+      out.push_back({std::move(name), d.name, c, 1});
+    }
+  }
+  if (names == AovNames::kBlender && forward && backward && forward->channel_count() >= 2 && backward->channel_count() >= 2) {
+    out.push_back({"ViewLayer.Vector.X", "motion.backward", 0, 1});
+    out.push_back({"ViewLayer.Vector.Y", "motion.backward", 1, -1});  // y points up there
+    out.push_back({"ViewLayer.Vector.Z", "motion.forward", 0, -1});   // current - next
+    out.push_back({"ViewLayer.Vector.W", "motion.forward", 1, 1});    // both
+  }
+  return out;
+}
+
+std::string describe_aov_names(const std::vector<LayerDesc>& layers, AovNames names) {
+  std::vector<std::pair<std::string, std::vector<std::string>>> lines;
+  for (const AovChannel& c : aov_channels(layers, names)) {
+    const auto dot = c.name.rfind('.');
+    const std::string layer = dot == std::string::npos ? "" : c.name.substr(0, dot);
+    const std::string key = c.source + " -> " + layer;
+    if (lines.empty() || lines.back().first != key) lines.push_back({key, {}});
+    lines.back().second.push_back(dot == std::string::npos ? c.name : c.name.substr(dot + 1));
+  }
+  std::string text;
+  for (const auto& [key, channels] : lines) {
+    const std::string list = fmt::format("{}", fmt::join(channels, ","));
+    text += key;
+    if (!key.ends_with(' ')) text += '.';
+    text += channels.size() > 1 ? "{" + list + "}\n" : list + "\n";
+  }
+  return text;
+}
+
+std::vector<LayerSource> layers_of_channels(const std::vector<std::string>& names, bool translate) {
+  std::vector<RawLayer> raw;
+  const auto raw_layer = [&](const std::string& name) -> RawLayer& {
+    for (RawLayer& l : raw) {
+      if (l.name == name) return l;
+    }
+    return raw.emplace_back(RawLayer{name, {}, std::nullopt});
+  };
+  for (int i = 0; i < int(names.size()); ++i) {
+    const std::string& name = names[std::size_t(i)];
+    const auto dot = name.rfind('.');
+    if (dot != std::string::npos && dot > 0) {
+      raw_layer(name.substr(0, dot)).channels.push_back({name.substr(dot + 1), i});
+    } else if (is_plain_color(name)) {
+      raw_layer("").channels.push_back({name, i});
+    } else {
+      raw_layer(name).channels.push_back({"", i});
+    }
+  }
+  for (RawLayer& l : raw) {
+    l.known = layers::find(l.name.empty() ? "color" : l.name);
+    const auto rank = [&](const std::string& suffix) {
+      if (l.known) {  // a layer of ours keeps the order of the vocabulary
+        const auto& c = l.known->channels;
+        const auto it = std::find(c.begin(), c.end(), suffix);
+        if (it != c.end()) return int(it - c.begin());
+      }
+      return 100 + channel_rank(suffix);
+    };
+    std::stable_sort(l.channels.begin(), l.channels.end(), [&](const auto& a, const auto& b) {
+      const int ra = rank(a.first), rb = rank(b.first);
+      return ra != rb ? ra < rb : a.first < b.first;
+    });
+  }
+
+  std::vector<LayerSource> out;
+  std::set<std::string> taken;  // names that layers of the file have already
+  for (const RawLayer& l : raw) taken.insert(l.name.empty() ? "color" : l.name);
+  std::set<const RawLayer*> done;
+  std::map<const RawLayer*, std::vector<LayerSource>> translated;
+  const auto claim = [&](const RawLayer& l, LayerDesc desc) {
+    if (done.contains(&l) || !taken.insert(desc.name).second) return;
+    done.insert(&l);
+    translated[&l].push_back(foreign_layer(std::move(desc), l));
+  };
+  if (translate) {
+    const auto by_name = [&](const std::string& name) -> const RawLayer* {
+      for (const RawLayer& l : raw) {
+        if (l.name == name) return &l;
+      }
+      return nullptr;
+    };
+    // RenderMan writes our very names of these with small letters, which makes them neither known nor foreign.
+    for (const RawLayer& l : raw) {
+      if (l.known && std::none_of(l.channels.begin(), l.channels.end(), [&](const auto& c) {
+            return std::find(l.known->channels.begin(), l.known->channels.end(), c.first) != l.known->channels.end();
+          })) {
+        taken.erase(l.name.empty() ? "color" : l.name);
+        claim(l, *l.known);
+      }
+    }
+    for (const RawLayer& l : raw) {
+      if (l.known) continue;
+      const auto dot = l.name.rfind('.');
+      const std::string pass = dot == std::string::npos ? "" : l.name.substr(dot + 1);
+      if (pass.empty()) continue;
+      for (const Alias& a : kBlender) {
+        if (pass == a.theirs) claim(l, *layers::find(a.ours));
+      }
+      if (is_crypto(pass)) claim(l, *layers::find(pass));
+      if (const auto d = find_underscored(pass)) claim(l, *d);
+    }
+    for (const RawLayer& l : raw) {  // Blender's vectors, unless our own are there
+      if (!l.name.ends_with(".Vector") || l.channels.size() != 4) continue;
+      if (taken.contains("motion.forward") || taken.contains("motion.backward")) {
+        if (taken.contains("motion.forward") && taken.contains("motion.backward")) done.insert(&l);  // an alias of them
+        continue;
+      }
+      LayerSource backward{layers::motion_backward(), {{l.channels[0].second, 1}, {l.channels[1].second, -1}}};
+      LayerSource forward{layers::motion_forward(), {{l.channels[2].second, -1}, {l.channels[3].second, 1}}};
+      for (LayerSource* s : {&forward, &backward}) {
+        s->desc.channels = {"X", "Y"};
+        taken.insert(s->desc.name);
+        translated[&l].push_back(*s);
+      }
+      done.insert(&l);
+    }
+    for (const auto* t : {&kPbrt, &kArnold, &kRenderman, &kReadOnly}) {
+      for (const Alias& a : *t) {
+        const RawLayer* l = by_name(a.theirs);
+        if (l && !l->known && l->channels.size() >= a.channels.size()) claim(*l, *layers::find(a.ours));
+      }
+    }
+    for (const RawLayer& l : raw) {
+      if (l.name.starts_with("crypto_object") && is_crypto("CryptoObject" + l.name.substr(13))) {
+        claim(l, *layers::find("CryptoObject" + l.name.substr(13)));
+      }
+    }
+    const RawLayer* u = by_name("u");
+    const RawLayer* v = by_name("v");
+    if (u && v && u->channels.size() == 1 && v->channels.size() == 1 && taken.insert("uv").second) {
+      translated[u].push_back({layers::uv(), {{u->channels[0].second, 1}, {v->channels[0].second, 1}}});
+      done.insert(u), done.insert(v);
+    }
+  }
+  for (const RawLayer& l : raw) {
+    if (done.contains(&l)) {
+      for (LayerSource& s : translated[&l]) out.push_back(std::move(s));
+      continue;
+    }
+    LayerSource s;
+    if (l.known) {
+      s.desc = *l.known;
+      s.desc.channels.clear();
+    } else {
+      s.desc.name = l.name;
+      s.desc.combine = l.name.find("rypto") == std::string::npos ? Combine::kMean : Combine::kId;
+    }
+    for (const auto& [suffix, index] : l.channels) {
+      s.desc.channels.push_back(suffix);
+      s.channels.push_back({index, 1});
+    }
+    out.push_back(std::move(s));
+  }
+  return out;
+}
+
+}  // namespace tempera

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/frames/layers.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+
+namespace tempera {
+
+std::string_view to_string(Combine combine) {
+  switch (combine) {
+    case Combine::kMean: return "mean";
+    case Combine::kSum: return "sum";
+    case Combine::kFirst: return "first";
+    case Combine::kId: return "id";
+    case Combine::kVariance: return "variance";
+  }
+  return "mean";
+}
+
+std::string LayerDesc::channel_name(int c) const {
+  const std::string& suffix = channels[std::size_t(c)];
+  if (name == "color") return suffix;  // plain R, G, B, A: what every viewer opens
+  return suffix.empty() ? name : name + "." + suffix;
+}
+
+namespace layers {
+namespace {
+const std::vector<std::string> kRgba{"R", "G", "B", "A"}, kRgb{"R", "G", "B"}, kXyz{"X", "Y", "Z"};
+const std::vector<std::string> kXyzv{"X", "Y", "Z", "V"};
+}  // namespace
+
+LayerDesc color() { return {"color", kRgba, units::kRadiance, Combine::kMean}; }
+LayerDesc color_a() { return {"color.a", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc color_b() { return {"color.b", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc color_variance() { return {"color.var", kRgb, units::kSquaredRadiance, Combine::kVariance}; }
+LayerDesc albedo() { return {"albedo", kRgb, units::kReflectance, Combine::kMean}; }
+LayerDesc normal() { return {"normal", kXyz, units::kDirection, Combine::kMean}; }
+LayerDesc depth() { return {"depth", {"Z"}, units::kMeters, Combine::kFirst}; }
+LayerDesc position() { return {"position", kXyz, units::kWorld, Combine::kFirst}; }
+LayerDesc object_id() { return {"object_id", {"I"}, units::kId, Combine::kId}; }
+LayerDesc uv() { return {"uv", {"U", "V"}, units::kTexture, Combine::kFirst}; }
+LayerDesc emission() { return {"emission", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc motion_forward() { return {"motion.forward", kXyzv, units::kPixels, Combine::kFirst}; }
+LayerDesc motion_backward() { return {"motion.backward", kXyzv, units::kPixels, Combine::kFirst}; }
+LayerDesc grad_x() { return {"grad.x", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc grad_y() { return {"grad.y", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc grad_t() { return {"grad.t", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc samples() { return {"samples", {"N"}, units::kCount, Combine::kSum}; }
+LayerDesc time() { return {"time", {"T"}, units::kSeconds, Combine::kMean}; }
+
+LayerDesc crypto(int rank, std::string_view kind) {
+  return {fmt::format("Crypto{}{:02d}", kind, rank), kRgba, units::kId, Combine::kId};
+}
+
+LayerDesc class_layer(std::string_view class_name, const LayerDesc& base) {
+  LayerDesc d = base;
+  d.name = fmt::format("class.{}.{}", class_name, base.name);
+  if (base.name == "color") d.channels = kRgb;
+  return d;
+}
+
+LayerDesc offset(const LayerDesc& base) {
+  LayerDesc d = base;
+  d.name = "offset." + base.name;
+  return d;
+}
+
+LayerDesc derived(const LayerDesc& base, std::string_view suffix) {
+  LayerDesc d = base;
+  d.name = fmt::format("{}.{}", base.name, suffix);
+  return d;
+}
+
+const std::vector<LayerDesc>& known() {
+  static const std::vector<LayerDesc> list{
+      color(),    color_a(),        color_b(),         color_variance(), albedo(), normal(), depth(),  position(), object_id(),
+      uv(),       emission(),       motion_forward(),  motion_backward(), grad_x(), grad_y(), grad_t(), samples(),  time()};
+  return list;
+}
+
+std::optional<LayerDesc> find(std::string_view name) {
+  for (const LayerDesc& d : known()) {
+    if (d.name == name) return d;
+  }
+  if (name.starts_with("offset.")) {
+    if (const auto base = find(name.substr(7)); base && !name.substr(7).starts_with("offset.")) return offset(*base);
+    return std::nullopt;
+  }
+  if (name.starts_with("class.")) {
+    const std::string_view rest = name.substr(6);
+    const auto dot = rest.find('.');
+    if (dot == std::string_view::npos || dot == 0) return std::nullopt;
+    const std::string_view class_name = rest.substr(0, dot), layer = rest.substr(dot + 1);
+    const bool valid = std::all_of(class_name.begin(), class_name.end(), [](unsigned char c) {
+      return std::isalnum(c) || c == '_' || c == '-';
+    });
+    if (!valid) return std::nullopt;
+    if (layer == "reflectance") {  // demodulation divisor of a class: product of the colors at its specular vertices
+      return LayerDesc{std::string(name), kRgb, units::kReflectance, Combine::kMean};
+    }
+    for (const LayerDesc& d : known()) {
+      if (d.name == layer) return class_layer(class_name, d);
+    }
+    return std::nullopt;
+  }
+  if (name.starts_with("Crypto") && name.size() > 8) {
+    const auto rank = name.substr(name.size() - 2), kind = name.substr(6, name.size() - 8);
+    if (std::isdigit(static_cast<unsigned char>(rank[0])) && std::isdigit(static_cast<unsigned char>(rank[1]))) {
+      return crypto((rank[0] - '0') * 10 + rank[1] - '0', kind);
+    }
+  }
+  return std::nullopt;
+}
+}  // namespace layers
+
+std::vector<LayerDesc> parse_layer_names(std::string_view text, const SourceLoc& loc) {
+  std::vector<LayerDesc> result;
+  const auto add = [&](LayerDesc d) {
+    if (std::find(result.begin(), result.end(), d) == result.end()) result.push_back(std::move(d));
+  };
+  while (!text.empty()) {
+    const auto comma = text.find(',');
+    std::string_view name = text.substr(0, comma);
+    text = comma == std::string_view::npos ? std::string_view{} : text.substr(comma + 1);
+    while (!name.empty() && std::isspace(static_cast<unsigned char>(name.front()))) name.remove_prefix(1);
+    while (!name.empty() && std::isspace(static_cast<unsigned char>(name.back()))) name.remove_suffix(1);
+    if (name.empty()) continue;
+    if (name == "motion") {
+      add(layers::motion_forward()), add(layers::motion_backward());
+    } else if (name == "halves") {
+      add(layers::color_a()), add(layers::color_b());
+    } else if (name == "cryptomatte") {
+      for (int rank = 0; rank < 3; ++rank) add(layers::crypto(rank));
+    } else if (auto d = layers::find(name)) {
+      add(std::move(*d));
+    } else {
+      std::vector<std::string> names{"motion", "halves", "cryptomatte", "class.<name>.color", "offset.<layer>"};
+      for (const LayerDesc& k : layers::known()) names.push_back(k.name);
+      const std::size_t all = names.size();
+      throw Error(ErrorCode::kUnknownName, loc,
+                  fmt::format("unknown layer \"{}\"; known: {}", name, nearest_names(name, std::move(names), all)));
+    }
+  }
+  return result;
+}
+
+}  // namespace tempera

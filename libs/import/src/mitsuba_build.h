@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Builds a Scene from Mitsuba's objects. One file per kind of object: mitsuba_shapes.cpp, mitsuba_materials.cpp,
+// mitsuba_textures.cpp, mitsuba_lights.cpp, mitsuba_sensors.cpp; mitsuba.cpp holds the frame.
+#include <functional>
+#include <map>
+#include <optional>
+#include <set>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "input_files.h"
+#include "mitsuba_xml.h"
+#include "tempera/core/log.h"
+#include "tempera/scene/scene.h"
+
+namespace tempera::mitsuba {
+
+/// What a spectrum describes, which decides how it becomes RGB.
+enum class SpectrumKind {
+  kReflectance,  ///< seen under daylight, in [0,1]
+  kUnbounded,    ///< the same without an upper bound: indices of refraction, roughness
+  kEmission,     ///< emitted light
+};
+
+/// The geometry of one shape, to be read from its file once all objects are known: many at a time.
+struct MeshJob {
+  int shape = 0;  ///< Scene::shapes index
+  const Object* object = nullptr;
+  std::function<Mesh()> read;
+};
+
+class Builder {
+ public:
+  Builder(const Document& document, InputFiles& files, Warnings& warnings)
+      : document_(document), files_(files), warnings_(warnings) {}
+  /// The whole scene. Errors of independent objects are reported together, at the place of the first.
+  Scene build(const std::filesystem::path& source);
+
+ private:
+  // --- properties of an object (mitsuba.cpp) ---
+  const Property* find(const Object& object, std::string_view name) const;  // marks it as used
+  bool has(const Object& object, std::string_view name) const;              // does not
+  double number(const Object& object, std::string_view name, double fallback, double min = -1e300,
+                double max = 1e300) const;
+  int integer(const Object& object, std::string_view name, int fallback, int min, int max) const;
+  bool boolean(const Object& object, std::string_view name, bool fallback) const;
+  std::string text(const Object& object, std::string_view name, std::string_view fallback) const;
+  std::string choice(const Object& object, std::string_view name, std::string_view fallback,
+                     std::span<const std::string_view> choices) const;  // in lower case
+  Vec3d vector3(const Object& object, std::string_view name, const Vec3d& fallback) const;
+  Transform transform(const Object& object, std::string_view name) const;
+  std::filesystem::path file(const Object& object, std::string_view name) const;  // required
+  /// Nested objects and references of one kind (tag), in the order of the file; marks them as used.
+  std::vector<const Object*> children(const Object& object, std::string_view tag) const;
+  const Object* child(const Object& object, std::string_view tag) const;  // at most one, else nullptr
+  const Object* named_child(const Object& object, std::string_view name) const;  // object-valued property or nullptr
+  void ignore(const Object& object, std::initializer_list<std::string_view> names) const;
+  /// Warns of each property that nothing asked for. Call when `object` is built.
+  void finish(const Object& object) const;
+  void warn(const std::string& what, const Place& place) const { warnings_.add(what, document_.loc(place)); }
+  [[noreturn]] void fail(ErrorCode code, const Place& place, const std::string& message) const {
+    throw Error(code, document_.loc(place), message);
+  }
+  [[noreturn]] void wrong_type(const Property& property, std::string_view expected) const;
+  const Place& place(const Object& object, std::string_view name) const;  // of the property, else of the object
+
+  // --- transforms (mitsuba.cpp) ---
+  /// Index of a new root node with this pose; -1 for the identity.
+  int add_node(const Transform& transform, const Place& place, const std::string& name);
+  AnimatedTransform animated(const Transform& transform, const Place& place);
+
+  // --- spectra and textures (mitsuba_textures.cpp) ---
+  Rgb color(const Property& property, SpectrumKind kind) const;
+  /// A constant or a texture.
+  Slot slot(const Object& object, std::string_view name, Slot fallback, SpectrumKind kind = SpectrumKind::kReflectance);
+  Slot texture_slot(const Object& texture, SpectrumKind kind, bool raw_data);
+  std::shared_ptr<const Texture> bitmap(const Object& texture, bool raw_data);
+  UvTransform uv_transform(const Object& texture) const;
+  /// Constant color of a property without texture. Errors: Error{kUnsupported} for a texture.
+  Rgb constant(const Object& object, std::string_view name, const Rgb& fallback, SpectrumKind kind);
+
+  // --- materials (mitsuba_materials.cpp) ---
+  struct NamedMaterial {
+    MaterialPtr material;
+    std::string name;
+  };
+  MaterialPtr material(const Object& bsdf);
+  MaterialPtr make_material(const Object& bsdf);
+  NamedMaterial shape_material(const Object& shape, bool emits);
+  float index_of_refraction(const Object& bsdf, std::string_view name, std::string_view fallback) const;
+  Roughness roughness(const Object& bsdf);
+  void conductor_indices(const Object& bsdf, Slot& eta, Slot& k);
+  MaterialPtr nested_material(const Object& bsdf);
+
+  // --- shapes (mitsuba_shapes.cpp) ---
+  void add_shape(const Object& shape);
+  /// Appends to Scene::shapes; `bake` is applied to the geometry.
+  int make_shape(const Object& shape, const Affine3d& bake);
+  void add_shape_group(const Object& group);
+  void add_instance(const Object& instance);
+  void warn_about_media(const Object& shape);
+  std::shared_ptr<const FileContents> shared_contents(const std::filesystem::path& path, const SourceLoc& loc);
+  void read_meshes();
+
+  // --- lights (mitsuba_lights.cpp) ---
+  void add_emitter(const Object& emitter);
+  AreaEmission area_emission(const Object& emitter);
+  void add_environment(const Object& emitter);
+  void add_sun_sky(const Object& emitter);
+
+  // --- sensors, film, integrator (mitsuba_sensors.cpp) ---
+  void add_sensor(const Object& sensor);
+  void film_defaults(const Object& sensor, bool first);
+  void add_integrator(const Object& integrator);
+  void add_medium(const Object& medium);
+
+  const Document& document_;
+  InputFiles& files_;
+  Warnings& warnings_;
+  Scene scene_;
+  std::map<const Object*, MaterialPtr> materials_;
+  std::set<const Object*> in_construction_;  // cycles of references
+  std::map<const Object*, int> groups_;      // shape groups -> Scene::groups index
+  std::vector<MeshJob> jobs_;
+  std::map<std::filesystem::path, std::shared_ptr<const FileContents>> contents_;
+  std::vector<Error> errors_;
+  bool animated_ = false;
+};
+
+/// An error for several independent ones: the first with the others in its message.
+Error combine(const std::vector<Error>& errors);
+
+}  // namespace tempera::mitsuba

@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: Apache-2.0
+// Wavefront OBJ: the text is cut at line ends into blocks of a fixed size, which are parsed in parallel and joined in
+// order, so that the result does not depend on the number of threads.
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tempera/core/parallel.h"
+#include "tempera/import/mesh_files.h"
+
+namespace tempera {
+namespace {
+
+constexpr std::size_t kBlockBytes = std::size_t(4) << 20;
+constexpr std::uint32_t kNone = 0xffffffffu;
+constexpr int kMaxChain = 64;  // longer chains make reading quadratic
+
+/// Indices as in the file: from 1, 0 for absent.
+struct Corner {
+  std::int32_t position = 0, uv = 0, normal = 0;
+};
+
+struct Block {
+  std::string_view text;
+  std::vector<Vec3f> positions, normals;
+  std::vector<Vec2f> uvs;
+  std::vector<Corner> corners;
+  std::vector<std::uint32_t> face_sizes;
+  std::vector<std::size_t> relative;  // 3 * corner + component: counted back from what the file holds up to there
+  std::optional<Error> error;
+};
+
+const char* skip_blanks(const char* p, const char* end) {
+  while (p < end && (*p == ' ' || *p == '\t' || *p == '\r')) ++p;
+  return p;
+}
+
+/// Reads `count` numbers; nullptr if one is malformed.
+const char* read_floats(const char* p, const char* end, float* values, int count) {
+  for (int i = 0; i < count; ++i) {
+    p = skip_blanks(p, end);
+    if (p < end && *p == '+') ++p;
+    const auto [next, failed] = std::from_chars(p, end, values[i]);
+    if (failed == std::errc::result_out_of_range) {
+      // Underflow is zero; overflow is caught with the other numbers that are not finite.
+      double wide = 0;
+      if (std::from_chars(p, end, wide).ec == std::errc::result_out_of_range) wide = 0;
+      values[i] = float(wide);
+    } else if (failed != std::errc()) {
+      return nullptr;
+    }
+    p = next;
+  }
+  return p;
+}
+
+class BlockParser {
+ public:
+  BlockParser(Block& block, std::string_view whole, const std::string& file) : block_(block), whole_(whole), file_(file) {}
+
+  void parse() {
+    const char* p = block_.text.data();
+    const char* const end = p + block_.text.size();
+    while (p < end && !block_.error) {
+      const void* newline = std::memchr(p, '\n', std::size_t(end - p));
+      const char* const line_end = newline ? static_cast<const char*>(newline) : end;
+      parse_line(p, line_end);
+      p = line_end + 1;
+    }
+  }
+
+ private:
+  void fail(const char* at, const std::string& message) {
+    block_.error = Error(ErrorCode::kBadInput, locate(file_, whole_, std::size_t(at - whole_.data())), message);
+  }
+  static std::string excerpt(const char* begin, const char* end) {
+    return std::string(begin, std::min<std::ptrdiff_t>(end - begin, 60));
+  }
+
+  void parse_line(const char* begin, const char* end) {
+    const char* p = skip_blanks(begin, end);
+    if (end - p < 2) return;
+    const auto blank = [](char c) { return c == ' ' || c == '\t'; };
+    float v[3];
+    if (p[0] == 'v' && blank(p[1])) {
+      if (!read_floats(p + 2, end, v, 3)) return fail(p, fmt::format("cannot read three numbers in \"{}\"", excerpt(p, end)));
+      block_.positions.push_back({v[0], v[1], v[2]});
+      if (!is_finite(block_.positions.back())) fail(p, "a position must be finite");
+    } else if (p[0] == 'v' && p[1] == 'n' && p + 2 < end && blank(p[2])) {
+      if (!read_floats(p + 3, end, v, 3)) return fail(p, fmt::format("cannot read three numbers in \"{}\"", excerpt(p, end)));
+      block_.normals.push_back({v[0], v[1], v[2]});
+      if (!is_finite(block_.normals.back())) fail(p, "a normal must be finite");
+    } else if (p[0] == 'v' && p[1] == 't' && p + 2 < end && blank(p[2])) {
+      const char* const next = read_floats(p + 3, end, v, 1);
+      if (!next) return fail(p, fmt::format("cannot read texture coordinates in \"{}\"", excerpt(p, end)));
+      if (skip_blanks(next, end) == end) v[1] = 0;  // the second one is optional
+      else if (!read_floats(next, end, v + 1, 1)) return fail(p, fmt::format("cannot read texture coordinates in \"{}\"", excerpt(p, end)));
+      block_.uvs.push_back({v[0], v[1]});
+      if (!std::isfinite(v[0]) || !std::isfinite(v[1])) fail(p, "texture coordinates must be finite");
+    } else if (p[0] == 'f' && blank(p[1])) {
+      parse_face(p + 2, end);
+    }
+  }
+
+  void parse_face(const char* p, const char* end) {
+    const std::size_t first = block_.corners.size();
+    for (p = skip_blanks(p, end); p < end; p = skip_blanks(p, end)) {
+      if (*p == '#') break;
+      Corner corner;
+      std::int32_t* const parts[3] = {&corner.position, &corner.uv, &corner.normal};
+      const std::size_t counts[3] = {block_.positions.size(), block_.uvs.size(), block_.normals.size()};
+      for (int i = 0; i < 3; ++i) {
+        if (i > 0) {
+          if (p == end || *p != '/') break;
+          ++p;
+          if (p == end || *p == '/' || *p == ' ' || *p == '\t' || *p == '\r') continue;  // left out: "1//2"
+        }
+        const auto [next, failed] = std::from_chars(p, end, *parts[i]);
+        if (failed != std::errc() || *parts[i] == 0)
+          return fail(p, fmt::format("cannot read the vertex \"{}\" of a face; expected e.g. 12, 12/5, 12//7 or 12/5/7",
+                                     excerpt(p, std::min(end, p + 20))));
+        if (*parts[i] < 0) {
+          *parts[i] += std::int32_t(counts[i]) + 1;
+          block_.relative.push_back(3 * block_.corners.size() + std::size_t(i));
+        }
+        p = next;
+      }
+      if (p < end && *p != ' ' && *p != '\t' && *p != '\r')
+        return fail(p, fmt::format("cannot read \"{}\" in a face; expected e.g. 12, 12/5, 12//7 or 12/5/7",
+                                   excerpt(p, std::min(end, p + 20))));
+      block_.corners.push_back(corner);
+    }
+    block_.face_sizes.push_back(std::uint32_t(block_.corners.size() - first));
+  }
+
+  Block& block_;
+  std::string_view whole_;
+  const std::string& file_;
+};
+
+std::vector<Block> cut(std::string_view text) {
+  std::vector<Block> blocks;
+  while (!text.empty()) {
+    std::size_t size = std::min(kBlockBytes, text.size());
+    const std::size_t newline = text.find('\n', size - 1);
+    size = newline == std::string_view::npos ? text.size() : newline + 1;
+    blocks.emplace_back().text = text.substr(0, size);
+    text.remove_prefix(size);
+  }
+  return blocks;
+}
+
+/// Place of face number `face` of `block`: found by reading again, since only errors ask for it.
+SourceLoc face_location(const Block& block, std::size_t face, std::string_view whole, const std::string& file) {
+  std::string_view rest = block.text;
+  while (!rest.empty()) {
+    const std::size_t size = std::min(rest.find('\n'), rest.size() - 1) + 1;
+    const char* const end = rest.data() + size;
+    const char* const p = skip_blanks(rest.data(), end);
+    if (end - p >= 2 && p[0] == 'f' && (p[1] == ' ' || p[1] == '\t') && face-- == 0)
+      return locate(file, whole, std::size_t(p - whole.data()));
+    rest.remove_prefix(size);
+  }
+  return {file};
+}
+
+template <class T>
+std::vector<T> join(std::vector<Block>& blocks, std::vector<T> Block::*part) {
+  std::size_t size = 0;
+  for (const Block& b : blocks) size += (b.*part).size();
+  std::vector<T> all;
+  all.reserve(size);
+  for (Block& b : blocks) {
+    all.insert(all.end(), (b.*part).begin(), (b.*part).end());
+    b.*part = {};
+  }
+  return all;
+}
+
+}  // namespace
+
+Mesh read_obj(std::string_view text, const std::string& file) {
+  std::vector<Block> blocks = cut(text);
+  parallel_for(0, std::int64_t(blocks.size()), [&](std::int64_t i) { BlockParser(blocks[std::size_t(i)], text, file).parse(); });
+  for (const Block& b : blocks)
+    if (b.error) throw *b.error;
+
+  // What is counted back counts from the end of all blocks before.
+  std::size_t base[3] = {0, 0, 0}, corner_count = 0, triangle_count = 0;
+  for (Block& b : blocks) {
+    for (const std::size_t r : b.relative) {
+      Corner& c = b.corners[r / 3];
+      std::int32_t* const parts[3] = {&c.position, &c.uv, &c.normal};
+      *parts[r % 3] = std::int32_t(std::int64_t(*parts[r % 3]) + std::int64_t(base[r % 3]));
+      if (*parts[r % 3] <= 0) *parts[r % 3] = -1;  // before the first; 0 would mean absent
+    }
+    base[0] += b.positions.size();
+    base[1] += b.uvs.size();
+    base[2] += b.normals.size();
+    corner_count += b.corners.size();
+    for (const std::uint32_t n : b.face_sizes) triangle_count += n >= 3 ? n - 2 : 0;
+  }
+  if (std::max({base[0], base[1], base[2], corner_count}) >= 0x7fffffff)
+    throw Error(ErrorCode::kBadInput, {file}, "more than 2^31 vertices or corners");
+
+  const std::vector<Vec3f> positions = join(blocks, &Block::positions);
+  const std::vector<Vec3f> normals = join(blocks, &Block::normals);
+  const std::vector<Vec2f> uvs = join(blocks, &Block::uvs);
+
+  // One vertex for each distinct triple: for each position, a chain of the vertices that use it.
+  struct Vertex {
+    std::int32_t uv, normal;
+    std::uint32_t next;
+  };
+  std::vector<std::uint32_t> first(positions.size(), kNone);
+  std::map<std::array<std::int32_t, 3>, std::uint32_t> crowded;  // beyond the first kMaxChain vertices of a position
+  std::vector<Vertex> vertices;
+  vertices.reserve(positions.size());
+  Mesh mesh;
+  mesh.positions.reserve(positions.size());
+  mesh.indices.reserve(3 * triangle_count);
+  bool has_uvs = false, has_normals = false;
+  for (const Block& b : blocks) {
+    std::size_t at = 0;
+    for (std::size_t f = 0; f < b.face_sizes.size(); ++f) {
+      const std::uint32_t n = b.face_sizes[f];
+      std::uint32_t pivot = 0, previous = 0;
+      for (std::uint32_t i = 0; i < n; ++i) {
+        const Corner& c = b.corners[at + i];
+        const auto check = [&](std::int32_t index, std::size_t size, const char* what) {
+          if (index < 0 || std::size_t(index) > size)
+            throw Error(ErrorCode::kBadInput, face_location(b, f, text, file),
+                        fmt::format("a face refers to {} {}, but the file has {}", what, index, size));
+        };
+        check(c.position, positions.size(), "position");
+        check(c.uv, uvs.size(), "texture coordinate");
+        check(c.normal, normals.size(), "normal");
+        has_uvs |= c.uv != 0;
+        has_normals |= c.normal != 0;
+        std::uint32_t* link = &first[std::size_t(c.position) - 1];
+        int steps = 0;
+        while (*link != kNone && (vertices[*link].uv != c.uv || vertices[*link].normal != c.normal) && steps++ < kMaxChain)
+          link = &vertices[*link].next;
+        if (steps > kMaxChain) link = &crowded.try_emplace({c.position, c.uv, c.normal}, kNone).first->second;
+        const bool is_new = *link == kNone;
+        const std::uint32_t vertex = is_new ? std::uint32_t(vertices.size()) : *link;
+        if (is_new) {
+          *link = vertex;  // before push_back, which may move what `link` points into
+          vertices.push_back({c.uv, c.normal, kNone});
+          mesh.positions.push_back(positions[std::size_t(c.position) - 1]);
+        }
+        if (i == 0) pivot = vertex;
+        if (i >= 2) mesh.indices.insert(mesh.indices.end(), {pivot, previous, vertex});
+        previous = vertex;
+      }
+      at += n;
+    }
+  }
+  if (has_uvs) {
+    mesh.uvs.reserve(vertices.size());
+    for (const Vertex& v : vertices) mesh.uvs.push_back(v.uv ? uvs[std::size_t(v.uv) - 1] : Vec2f{});
+  }
+  if (has_normals) {
+    mesh.normals.reserve(vertices.size());
+    for (const Vertex& v : vertices) mesh.normals.push_back(v.normal ? normalize(normals[std::size_t(v.normal) - 1]) : Vec3f{});
+  }
+  return mesh;
+}
+
+}  // namespace tempera

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// A BSDF at one point: a value that a Material fills with lobes once per hit. Closed over its kinds of lobes: evaluating and
+// sampling make no virtual call. Directions are unit vectors in world space and point away from the surface; `wo` is known,
+// `wi` is sampled. Values include the cosine of each lobe's own shading frame ("f_cos"), so that lobes with different
+// frames (bumped base, smooth coat) can share one Bsdf. They are for radiance that travels from wi to wo: transmission has
+// the factor 1/eta^2. For importance (light subpaths) multiply by BsdfSample::eta^2, or swap the arguments of `eval`.
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <new>
+#include <optional>
+#include <type_traits>
+
+#include "tempera/core/error.h"
+#include "tempera/core/vec.h"
+#include "tempera/shading/lobes.h"
+
+namespace tempera {
+
+/// Letter that a scattering event contributes to a light path: D diffuse or rough, R (near-)specular reflection,
+/// T (near-)specular transmission. A lobe is R or T if it is a delta or its roughness alpha is below 0.1, else D
+/// [Zimmer 2015, Sec. 3].
+enum class Event : std::uint8_t { kDiffuse, kReflection, kTransmission };
+inline constexpr int kEventCount = 3;
+inline constexpr float kSpecularRoughness = 0.1f;
+
+/// f(wo, wi) |cos| split by event, and the solid-angle density with which Bsdf::sample would produce wi. No delta lobes.
+struct BsdfEval {
+  std::array<Rgb, kEventCount> f_cos{};
+  float pdf = 0;
+  Rgb sum() const { return f_cos[0] + f_cos[1] + f_cos[2]; }
+};
+
+struct BsdfSample {
+  Vec3f wi;
+  /// Split by event. Non-delta: f |cos| of all non-delta lobes in direction wi. Delta: the lobe's coefficient in its event.
+  std::array<Rgb, kEventCount> f_cos{};
+  float pdf = 0;       ///< solid angle density of the mixture; for delta lobes the probability of choosing this lobe
+  bool delta = false;
+  bool transmitted = false;  ///< wi and wo are on opposite sides
+  Event event = Event::kDiffuse;  ///< of the sampled lobe
+  float eta = 1;       ///< relative index of refraction (side of wi over side of wo) crossed by this event; 1 for reflection
+  float roughness = 1; ///< alpha of the sampled lobe; 0 for delta, 1 for diffuse
+  Rgb sum() const { return f_cos[0] + f_cos[1] + f_cos[2]; }
+};
+
+/// A partly reflecting layer (coat, sheen) above lobes: it scales them by min(1 - A(wo), 1 - A(wi)), where A is the layer's
+/// directional albedo. Symmetric, so that reciprocity holds, and never gains energy [Estevez 2017, Sec. 4].
+struct BsdfLayer {
+  enum class Albedo : std::uint8_t {
+    kFresnel,  ///< f0 + (f90 - f0)(1 - cos)^5: a smooth coat
+    kGgx,      ///< the same Fresnel term over GGX facets of roughness `alpha`
+    kSheen,    ///< f0 times the albedo of SheenLobe
+  };
+  Albedo albedo = Albedo::kFresnel;
+  std::uint8_t frame = 0;  ///< of Bsdf
+  std::int8_t above = -1;  ///< layer over this one, or -1
+  float f0 = 0.04f, f90 = 1, alpha = 1;
+};
+
+namespace detail {
+/// Up to N values in uninitialised storage: an empty one costs nothing to make.
+template <class T, int N>
+class FixedStack {
+ public:
+  int size() const { return size_; }
+  const T& operator[](int i) const { return std::launder(reinterpret_cast<const T*>(storage_))[i]; }
+  /// Appends and returns the index. More than N is an assertion failure; without assertions the value is dropped and the
+  /// last index returned.
+  int push(const T& value) {
+    TEMPERA_ASSERT(size_ < N);
+    if (size_ < N) new (storage_ + std::size_t(size_++) * sizeof(T)) T(value);
+    return size_ - 1;
+  }
+
+ private:
+  static_assert(std::is_trivially_copyable_v<T>);
+  int size_ = 0;
+  alignas(T) std::byte storage_[N * sizeof(T)];
+};
+}  // namespace detail
+
+/// A set of weighted lobes. Threads: a value, const use is re-entrant.
+class Bsdf {
+ public:
+  static constexpr int kMaxLobes = 16;
+  static constexpr int kMaxFrames = 8;
+  static constexpr int kMaxLayers = 8;
+
+  Bsdf() {}  // NOLINT: with "= default", Bsdf{} would zero the uninitialised storage
+
+  /// Registers a shading frame for the lobes added after it; returns its index (an equal frame's, if there is one).
+  /// More than kMaxFrames, kMaxLobes or kMaxLayers is an assertion failure: materials check their depth when they are
+  /// built.
+  int add_frame(const Basis& frame);
+  /// Registers a frame that bump or normal mapping made from frame `parent`. Light must be on the same side of both
+  /// normals, and is attenuated near the horizon of the parent [Estevez 2019], as in Mitsuba.
+  int add_perturbed_frame(const Basis& frame, int parent);
+  /// Frame `index` seen from behind: the normal (and nothing else) turned over.
+  int add_flipped_frame(int index);
+  /// Frame `index` turned about its normal so that the tangent is direction.x s + direction.y t (a unit vector).
+  int add_rotated_frame(int index, const Vec2f& direction);
+  int add_layer(const BsdfLayer& layer);
+  /// Adds `weight` times a lobe, chosen by `sample` with probability proportional to `probability`, under layer `layer`
+  /// (-1: none). The probabilities of one material sum to its weight.
+  template <class L>
+  void add(int frame, const L& lobe, float probability, float weight = 1, int layer = -1) {
+    if (!(probability > 0)) return;
+    lobes_.push({lobe, probability, weight, std::uint8_t(frame), std::int8_t(layer)});
+    total_probability_ += probability;
+    visit_lobe(lobes_[lobes_.size() - 1].lobe, [this](const auto& l) { has_non_delta_ |= !l.kDelta; });
+  }
+
+  /// Sum over the non-delta lobes. Zero (pdf 0) where none scatters. Values are for the given wo; the probabilities of
+  /// lobes stay those of the wo that the material saw.
+  BsdfEval eval(const Vec3f& wo, const Vec3f& wi) const;
+  /// Draws wi from the mixture of lobes. `u_lobe`, `u` in [0,1). Empty if no lobe scatters or the sample is invalid.
+  std::optional<BsdfSample> sample(const Vec3f& wo, float u_lobe, const Vec2f& u) const;
+
+  bool empty() const { return lobes_.size() == 0; }
+  /// Whether next-event estimation can contribute: some lobe is not a delta.
+  bool has_non_delta() const { return has_non_delta_; }
+  /// Directional-hemispherical reflectance (and transmittance) of the lobes of one event for `wo`: closed form or a
+  /// tabulated/approximate albedo for rough lobes. For feature layers, never for transport.
+  Rgb albedo(const Vec3f& wo, Event event) const;
+  int size() const { return lobes_.size(); }
+  const Lobe& lobe(int i) const { return lobes_[i].lobe; }
+  /// Probability of choosing lobe i.
+  float probability(int i) const { return lobes_[i].probability / total_probability_; }
+  /// Shading frame of lobe i.
+  const Basis& frame(int i) const { return frames_[lobes_[i].frame].basis; }
+  /// Frame `index` as returned by add_frame, and the index of the unperturbed frame that it was made from.
+  const Basis& frame_basis(int index) const { return frames_[index].basis; }
+  int root_frame(int index) const {
+    while (frames_[index].parent >= 0) index = frames_[index].parent;
+    return index;
+  }
+
+ private:
+  struct Entry {
+    Lobe lobe;
+    float probability, weight;
+    std::uint8_t frame;
+    std::int8_t layer;
+  };
+  struct Frame {
+    Basis basis;
+    float shadow_alpha2;  ///< roughness of the bump shadowing term
+    float orientation;    ///< -1 if the normal was turned over against the parent's
+    std::int8_t parent;   ///< -1: not perturbed
+  };
+  float frame_factor(const Frame& frame, const Vec3f& wi) const;
+  float layer_factor(int layer, const Vec3f& wo, const Vec3f& wi) const;
+  template <class L>
+  void accumulate(const L& lobe, const Entry& entry, const Vec3f& wo, const Vec3f& wi, BsdfEval& out) const;
+
+  detail::FixedStack<Entry, kMaxLobes> lobes_;
+  detail::FixedStack<Frame, kMaxFrames> frames_;
+  detail::FixedStack<BsdfLayer, kMaxLayers> layers_;
+  float total_probability_ = 0;
+  bool has_non_delta_ = false;
+};
+
+}  // namespace tempera

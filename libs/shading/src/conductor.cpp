@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "material_util.h"
+
+namespace tempera {
+namespace {
+
+class Conductor final : public Material {
+ public:
+  explicit Conductor(const ConductorParams& params) : p_(params) {}
+  void add_lobes(const ShadingPoint& point, float weight, Bsdf& bsdf) const override {
+    if (cos_wo(point) <= 0) return;
+    const ConductorFresnel fresnel{p_.eta.rgb(point), p_.k.rgb(point), p_.specular_reflectance.rgb(point)};
+    const int frame = frame_of(point, bsdf);
+    if (p_.roughness.rough)
+      bsdf.add(frame, MicrofacetReflectionLobe<ConductorFresnel>{microfacet_of(p_.roughness, point), fresnel}, weight, weight);
+    else
+      bsdf.add(frame, MirrorLobe<ConductorFresnel>{fresnel}, weight, weight);
+  }
+
+ private:
+  ConductorParams p_;
+};
+
+}  // namespace
+
+MaterialPtr make_conductor(const ConductorParams& params) { return std::make_shared<Conductor>(params); }
+
+}  // namespace tempera

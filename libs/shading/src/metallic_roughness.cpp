@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: Apache-2.0
+// glTF 2.0 materials [glTF 2.0, Appendix B, and the KHR_materials extensions], from the top:
+//   clearcoat over sheen over mix(dielectric: GGX reflection over mix(diffuse, transmission), metal: GGX reflection).
+// Reflection of dielectric and metal share one lobe, because both Fresnel terms have Schlick's form.
+// DEVIATION [glTF 2.0, B.3.6.3]: the simple mix dims the diffuse base by 1 - F(VdotH), which gains up to a factor of two at
+// grazing angles. Here every layer dims what is below it by min(1 - A(wo), 1 - A(wi)) with its directional albedo A, as
+// KHR_materials_sheen does: reciprocal and never above 1; shown by MetallicRoughness.NeverGainsEnergy.
+#include "albedo.h"
+#include "material_util.h"
+
+namespace tempera {
+namespace {
+
+constexpr float kSmoothAlpha = 1e-3f;  ///< below it a lobe is a delta: no difference to see, and no float precision left
+
+class MetallicRoughness final : public Material {
+ public:
+  explicit MetallicRoughness(const MetallicRoughnessParams& params) : p_(params) {
+    // ior 0 means reflectance 1 at all angles (for converted specular-glossiness materials); it cannot bend light.
+    f0_ = reflectance_at_normal(p_.ior);
+    eta_ = p_.thin_walled || p_.ior == 0 ? 1 : p_.ior;  // 1: light passes straight on, as through a thin wall
+    if (p_.attenuation_distance < kInfinity && !p_.thin_walled)
+      for (int i = 0; i < 3; ++i)
+        absorption_[i] = -std::log(std::clamp(p_.attenuation_color[i], 1e-6f, 1.0f)) / p_.attenuation_distance;
+    transmits_ = !zero(p_.transmission);
+    has_sheen_ = !zero(p_.sheen_color);
+    has_coat_ = !zero(p_.clearcoat);
+    has_anisotropy_ = !zero(p_.anisotropy);
+  }
+
+  void add_lobes(const ShadingPoint& point, float weight, Bsdf& bsdf) const override {
+    const float transmission = transmits_ ? std::clamp(p_.transmission.scalar(point), 0.0f, 1.0f) : 0;
+    const bool volume = transmission > 0 && eta_ != 1;
+    int frame = frame_of(point, bsdf);
+    float cosine = cos_wo(point);
+    // The opaque parts are shaded on both sides. Only the surface of a volume has an inside.
+    const bool inside = volume && cosine < 0;
+    if (cosine < 0 && !volume) {
+      frame = bsdf.add_flipped_frame(frame);
+      cosine = -cosine;
+    }
+    if (cosine == 0) return;
+    const float c = std::abs(cosine);
+
+    Rgb base = p_.base_color.rgb(point);
+    if (p_.use_vertex_color) base *= point.color;
+    const float metallic = std::clamp(p_.metallic.scalar(point), 0.0f, 1.0f);
+    const float alpha = sqr(std::clamp(p_.roughness.scalar(point), 0.0f, 1.0f));
+    const float specular = p_.specular.scalar(point);
+    const Rgb tinted = clamp(p_.specular_color.rgb(point) * f0_, 0, 1) * specular;
+
+    SchlickFresnel fresnel;
+    fresnel.f0 = lerp(tinted, base, metallic);
+    fresnel.f90 = specular + metallic * (1 - specular);
+    fresnel.transmittance = base * ((1 - metallic) * transmission);
+    fresnel.loss0 = max_component(tinted);
+    fresnel.loss90 = specular;
+    fresnel.eta = volume ? eta_ : 1.0f;
+
+    Parts parts{bsdf, weight};
+    int layer = -1;
+    if (!inside) {
+      if (has_coat_) layer = add_coat(point, frame, layer, parts);
+      if (has_sheen_) layer = add_sheen(point, frame, c, layer, parts);
+    }
+    const GgxAlbedo ggx = ggx_albedo(c, alpha);
+    add_interface(point, frame, cosine, alpha, volume, fresnel, ggx, layer, parts);
+
+    const Rgb diffuse = base * ((1 - metallic) * (1 - transmission));
+    if (!inside && max_component(diffuse) > 0) {
+      BsdfLayer top{BsdfLayer::Albedo::kGgx, std::uint8_t(frame), std::int8_t(layer)};
+      top.f0 = fresnel.loss0, top.f90 = fresnel.loss90, top.alpha = alpha;
+      DiffuseLobe lobe;
+      lobe.reflectance = diffuse;
+      parts.add(frame, lobe, luminance(diffuse) * (1 - ggx.of(top.f0, top.f90)) * parts.below,
+                top.f90 > 0 ? bsdf.add_layer(top) : layer);
+    }
+    parts.finish();
+  }
+
+  Rgb absorption(const ShadingPoint&) const override { return absorption_; }
+  bool has_absorption() const override { return transmits_ && !is_black(absorption_); }
+  int max_lobes() const override { return 5; }
+  int max_frames() const override { return 4; }
+  int max_layers() const override { return 3; }
+
+ private:
+  static bool zero(const Slot& slot) { return !slot.texture && slot.factor.is_constant() && is_black(slot.factor.at(0)); }
+
+  /// Lobes with their expected shares of the light, which become probabilities once all are known.
+  struct Parts {
+    Bsdf& bsdf;
+    float weight;
+    float below = 1;  ///< share of light that gets below the layers added so far
+    struct Part {
+      int frame;
+      Lobe lobe;
+      float share;
+      int layer;
+    };
+    detail::FixedStack<Part, 5> parts;
+    void add(int frame, const Lobe& lobe, float share, int layer) {
+      parts.push({frame, lobe, std::max(share, 1e-3f), layer});
+    }
+    void finish() {
+      float sum = 0;
+      for (int i = 0; i < parts.size(); ++i) sum += parts[i].share;
+      for (int i = 0; i < parts.size(); ++i)
+        bsdf.add(parts[i].frame, parts[i].lobe, weight * parts[i].share / sum, weight, parts[i].layer);
+    }
+  };
+
+  int add_coat(const ShadingPoint& point, int frame, int above, Parts& parts) const {
+    const float strength = std::clamp(p_.clearcoat.scalar(point), 0.0f, 1.0f);
+    if (strength <= 0) return above;
+    Bsdf& bsdf = parts.bsdf;
+    // The coat follows its own normal map over the interpolated normal, not the base's normal map.
+    int coat_frame = unperturbed(frame, point, bsdf);
+    if (p_.clearcoat_normal) {
+      const Basis& b = bsdf.frame_basis(coat_frame);
+      const Rgb t = p_.clearcoat_normal->rgb(point);
+      const float s = p_.clearcoat_normal_scale;
+      const Vec3f n = normalize(b.to_world({s * (2 * t.r - 1), s * (2 * t.g - 1), 2 * t.b - 1}));
+      if (dot(n, point.wo) > 0 && dot(n, b.n) > 0)
+        coat_frame = bsdf.add_perturbed_frame(Basis::with_tangent(n, b.s), coat_frame);
+    }
+    const float c = dot(bsdf.frame_basis(coat_frame).n, point.wo);
+    if (c <= 0) return above;
+    const float alpha = sqr(std::clamp(p_.clearcoat_roughness.scalar(point), 0.0f, 1.0f));
+    SchlickFresnel fresnel;  // index 1.5
+    fresnel.f0 = Rgb(0.04f * strength);
+    fresnel.f90 = strength;
+    BsdfLayer layer{BsdfLayer::Albedo::kFresnel, std::uint8_t(coat_frame), std::int8_t(above)};
+    layer.f0 = 0.04f * strength, layer.f90 = strength;
+    const float share = layer.f0 + (layer.f90 - layer.f0) * schlick_weight(c);
+    if (alpha < kSmoothAlpha)
+      parts.add(coat_frame, MirrorLobe<SchlickFresnel>{fresnel}, share, above);
+    else
+      parts.add(coat_frame, MicrofacetReflectionLobe<SchlickFresnel>{{Microfacets::kGgx, alpha, alpha}, fresnel}, share, above);
+    parts.below *= 1 - share;
+    return bsdf.add_layer(layer);
+  }
+
+  int add_sheen(const ShadingPoint& point, int frame, float c, int above, Parts& parts) const {
+    SheenLobe lobe;
+    lobe.color = clamp(p_.sheen_color.rgb(point), 0, 1);
+    lobe.alpha = std::max(sqr(std::clamp(p_.sheen_roughness.scalar(point), 0.0f, 1.0f)), kSmoothAlpha);
+    if (is_black(lobe.color)) return above;
+    BsdfLayer layer{BsdfLayer::Albedo::kSheen, std::uint8_t(frame), std::int8_t(above)};
+    layer.f0 = max_component(lobe.color);
+    layer.alpha = lobe.alpha;
+    const float albedo = sheen_albedo(c, lobe.alpha);
+    parts.add(frame, lobe, luminance(lobe.color) * albedo * parts.below, above);
+    parts.below *= 1 - layer.f0 * albedo;
+    return parts.bsdf.add_layer(layer);
+  }
+
+  /// GGX reflection of dielectric and metal, and transmission.
+  void add_interface(const ShadingPoint& point, int frame, float cosine, float alpha, bool volume,
+                     const SchlickFresnel& fresnel, const GgxAlbedo& ggx, int layer, Parts& parts) const {
+    const float reflected = luminance(fresnel.f0) * ggx.scale + fresnel.f90 * ggx.bias;
+    const float transmitted = luminance(fresnel.transmit(cosine));
+    const bool transmits = !is_black(fresnel.transmittance);
+    float alpha_t = alpha;
+    if (has_anisotropy_) {
+      const float a = p_.anisotropy.scalar(point);
+      alpha_t = alpha + a * a * (1 - alpha);
+    }
+    if (std::max(alpha, alpha_t) < kSmoothAlpha) {
+      parts.add(frame, MirrorLobe<SchlickFresnel>{fresnel, volume}, reflected * parts.below, layer);
+      if (!transmits) return;
+      if (volume)
+        parts.add(frame, RefractionLobe<SchlickFresnel>{fresnel}, transmitted * parts.below, layer);
+      else
+        parts.add(frame, PassageLobe<SchlickFresnel>{fresnel}, transmitted * parts.below, layer);
+      return;
+    }
+    const Microfacet facets(Microfacets::kGgx, alpha_t, alpha);
+    if (has_anisotropy_ && p_.anisotropy_rotation != 0) frame = rotated(frame, parts.bsdf);
+    if (volume && transmits) {
+      parts.add(frame, RoughInterfaceLobe<SchlickFresnel>{facets, fresnel}, (reflected + transmitted) * parts.below, layer);
+      return;
+    }
+    if (cosine > 0)
+      parts.add(frame, MicrofacetReflectionLobe<SchlickFresnel>{facets, fresnel}, reflected * parts.below, layer);
+    if (transmits)
+      parts.add(frame, RoughPassageLobe<SchlickFresnel>{facets, fresnel}, transmitted * parts.below, layer);
+  }
+
+  /// The frame of the interpolated normal on the side of `frame`.
+  static int unperturbed(int frame, const ShadingPoint& point, Bsdf& bsdf) {
+    const int root = bsdf.root_frame(frame);
+    return dot(bsdf.frame_basis(root).n, point.wo) < 0 ? bsdf.add_flipped_frame(root) : root;
+  }
+  /// `frame` turned about its normal, counterclockwise from tangent to bitangent.
+  int rotated(int frame, Bsdf& bsdf) const {
+    const float c = std::cos(p_.anisotropy_rotation), s = std::sin(p_.anisotropy_rotation);
+    return bsdf.add_rotated_frame(frame, {c, s});
+  }
+
+  MetallicRoughnessParams p_;
+  float f0_, eta_;
+  Rgb absorption_;
+  bool transmits_, has_sheen_, has_coat_, has_anisotropy_;
+};
+
+}  // namespace
+
+MaterialPtr make_metallic_roughness(const MetallicRoughnessParams& params) {
+  if (!(params.ior == 0 || params.ior >= 1) || !std::isfinite(params.ior))
+    throw Error(ErrorCode::kOutOfRange, "metallic-roughness material: ior must be 0 or at least 1");
+  if (!(params.attenuation_distance > 0))
+    throw Error(ErrorCode::kOutOfRange, "metallic-roughness material: attenuation distance must be positive");
+  return std::make_shared<MetallicRoughness>(params);
+}
+
+}  // namespace tempera
