@@ -161,6 +161,23 @@ float PathIntegrator::transmittance(const FrameContext& context, Ray ray, int ed
   return 0;
 }
 
+/// Groups the events of `f` by the state that they lead to and calls use(state, sum of the group) for each group that is
+/// not black, until it returns false.
+template <class Use>
+void for_each_state(const LightPathClassifier& classifier, LightPathClassifier::State from,
+                    const std::array<Rgb, kEventCount>& f, Use&& use) {
+  std::array<LightPathClassifier::State, kEventCount> next;
+  for (std::size_t e = 0; e < kEventCount; ++e) next[e] = classifier.next(from, Event(e));
+  for (std::size_t e = 0; e < kEventCount; ++e) {
+    if (std::find(next.begin(), next.begin() + e, next[e]) != next.begin() + e) continue;
+    Rgb share;
+    for (std::size_t k = e; k < kEventCount; ++k) {
+      if (next[k] == next[e]) share += f[k];
+    }
+    if (!is_black(share) && !use(next[e], share)) return;
+  }
+}
+
 SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStream& stream, const CameraRay& camera_ray,
                                    double time, const Vec3f& view_axis, std::span<Rgb> classes, bool features) const {
   const RayScene& rays = context.rays;
@@ -253,7 +270,12 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
         const BsdfEval f = bsdf.eval(s.wo, light->wi);
         if (!is_black(f.sum())) {
           Ray shadow{rays.offset_origin(s.p, s.ng, light->wi), light->wi, 0, kInfinity, time};
-          if (std::isfinite(light->distance)) shadow.tmax = light->distance * (1 - 1e-4f);
+          if (std::isfinite(light->distance)) {  // from where the ray really starts to just before the light
+            const Vec3f to_light = s.p + light->wi * light->distance - shadow.o;
+            const float distance = length(to_light);
+            shadow.d = to_light * (1 / distance);
+            shadow.tmax = distance * (1 - 1e-4f);
+          }
           ++result.shadow_rays;
           const float visible = masks ? transmittance(context, shadow, max_depth_ - edges - 1)
                                       : (rays.occluded(shadow) ? 0.0f : 1.0f);
@@ -263,10 +285,10 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
             if (classes.empty()) {
               tally.add(state, le * f.sum(), true);
             } else {
-              for (int e = 0; e < kEventCount; ++e) {
-                const Rgb& fe = f.f_cos[std::size_t(e)];
-                if (!is_black(fe)) tally.add(classifier.next(state, Event(e)), le * fe, true);
-              }
+              for_each_state(classifier, state, f.f_cos, [&](LightPathClassifier::State next, const Rgb& share) {
+                tally.add(next, le * share, true);
+                return true;
+              });
             }
           }
         }
@@ -285,30 +307,21 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
     if (classes.empty()) {
       beta *= total * inv_pdf;
     } else {
-      // Events that lead to one state need no choice; between states, choose by luminance and divide.
-      std::array<LightPathClassifier::State, kEventCount> next;
-      for (int e = 0; e < kEventCount; ++e) next[std::size_t(e)] = classifier.next(state, Event(e));
-      const float all = luminance(total);
-      // The position of the lobe's number within the chosen lobe is spent; a hash of it serves the choice of class.
+      // Events that lead to one state need no choice; between states, choose by luminance and divide. The number that
+      // chose the lobe is spent; a hash of it chooses the state.
       const float u = to_unit_float(std::uint32_t(
           mix64(std::bit_cast<std::uint32_t>(stream.get1(coordinate(vertex, VertexDim::kLobe))) + 0x5851f42dull)));
-      Rgb chosen(0.0f);
+      Rgb chosen;
       float below = 0;
-      for (int e = 0; e < kEventCount; ++e) {
-        bool first = true;
-        for (int k = 0; k < e; ++k) first &= next[std::size_t(k)] != next[std::size_t(e)];
-        if (!first) continue;
-        Rgb f(0.0f);
-        for (int k = e; k < kEventCount; ++k) {
-          if (next[std::size_t(k)] == next[std::size_t(e)]) f += sample->f_cos[std::size_t(k)];
-        }
-        const float p = luminance(f) / all;
-        if (!(p > 0)) continue;
-        chosen = f * (1 / p);
-        state = next[std::size_t(e)];
+      const LightPathClassifier::State from = state;
+      for_each_state(classifier, from, sample->f_cos, [&](LightPathClassifier::State next, const Rgb& share) {
+        const float p = luminance(share) / luminance(total);
+        if (!(p > 0)) return true;
+        chosen = p < 1 ? share * (1 / p) : share;
+        state = next;
         below += p;
-        if (u < below) break;
-      }
+        return u >= below;
+      });
       beta *= chosen * inv_pdf;
     }
     mis = !sample->delta && next_event;
@@ -557,11 +570,15 @@ void PathIntegrator::write_motion(const FrameContext& context, const Tile& tile,
           const auto b = context.camera.project(context.rays.position(hit->point, then), then);
           valid = a && b;
           if (valid) motion = b->pixel - a->pixel, depth_change = b->depth - a->depth;
-        } else {
-          const auto a = context.camera.project_direction(c.d, now);
+        } else if (const auto a = context.camera.project_direction(c.d, now)) {
           const auto b = context.camera.project_direction(context.lights.environment_motion(c.d, now, then), then);
-          valid = a && b;
+          valid = b.has_value();
           if (valid) motion = *b - *a;
+        } else {  // parallel projection sees no directions: a far point instead
+          const Vec3f p = c.o + c.d * (1e3f * std::max(1.0f, context.rays.bounds().radius()));
+          const auto from = context.camera.project(p, now), to = context.camera.project(p, then);
+          valid = from && to;
+          if (valid) motion = to->pixel - from->pixel;
         }
         valid = valid && std::isfinite(motion.x) && std::isfinite(motion.y) && std::isfinite(depth_change);
         image->at(ox, oy, 0) = valid ? motion.x : 0.0f;

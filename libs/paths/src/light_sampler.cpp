@@ -14,10 +14,10 @@ namespace {
 struct AreaLight {
   std::uint32_t instance = 0, shape = 0;
   const AreaEmission* emission = nullptr;
-  const Mesh* mesh = nullptr;    // null: analytic
-  Discrete triangles;            // by area at the reference time
-  float fixed_pdf_area = 0;      // 1 / area where the surface never moves; 0: ask at the time
-  int analytic = -1;             // index of the geometry variant: 1 sphere, 2 disk, 3 cylinder
+  const Mesh* mesh = nullptr;  // null: analytic
+  Discrete triangles;          // by area at the reference time
+  float fixed_pdf_area = 0;    // 1 / area where the surface never moves; 0: ask at the time
+  int analytic = -1;           // index of the geometry variant: 1 sphere, 2 disk, 3 cylinder
   Affine3f object_from_unit;
 };
 
@@ -30,7 +30,6 @@ struct EnvironmentMap {
   bool fixed = true;
 };
 
-
 }  // namespace
 
 struct LightSampler::Impl {
@@ -39,7 +38,7 @@ struct LightSampler::Impl {
   std::vector<AreaLight> areas;
   std::vector<EnvironmentMap> environments;
   std::unordered_map<std::uint64_t, std::uint32_t> area_index;  // (instance, shape) -> areas
-  Discrete choice;  // areas, then punctual lights, then environments
+  Discrete choice;                                              // areas, then punctual lights, then environments
   double reference_time = 0;
 
   Affine3f environment_frame(const EnvironmentMap& e, double t) const {
@@ -51,14 +50,16 @@ struct LightSampler::Impl {
     return {u, std::acos(std::clamp(local.y, -1.0f, 1.0f)) * kInvPi};
   }
   static Rgb texture(const Environment& e, const Vec2f& uv) {
-    const float x = uv.x * float(e.width) - 0.5f, y = std::clamp(uv.y * float(e.height) - 0.5f, 0.0f, float(e.height - 1));
+    const float x = uv.x * float(e.width) - 0.5f,
+                y = std::clamp(uv.y * float(e.height) - 0.5f, 0.0f, float(e.height - 1));
     const int x0 = int(std::floor(x)), y0 = int(y), y1 = std::min(y0 + 1, e.height - 1);
     const float fx = x - float(x0), fy = y - float(y0);
     const auto at = [&](int i, int j) -> const Rgb& {
       i = i < 0 ? i + e.width : i >= e.width ? i - e.width : i;
       return e.image[std::size_t(j) * std::size_t(e.width) + std::size_t(i)];
     };
-    return (at(x0, y0) * (1 - fx) + at(x0 + 1, y0) * fx) * (1 - fy) + (at(x0, y1) * (1 - fx) + at(x0 + 1, y1) * fx) * fy;
+    return (at(x0, y0) * (1 - fx) + at(x0 + 1, y0) * fx) * (1 - fy) +
+           (at(x0, y1) * (1 - fx) + at(x0 + 1, y1) * fx) * fy;
   }
   Rgb radiance(const EnvironmentMap& e, const Vec3f& d, double t) const {
     const Rgb factor = e.environment->radiance.at(t);
@@ -125,7 +126,7 @@ float LightSampler::Impl::area_of(const AreaLight& light, double t) const {
   // Scale factor by the geometric mean: exact for similarities; only steers the choice of lights otherwise.
   const float scale = std::cbrt(std::abs(m.determinant()));
   const float unit = light.analytic == 1 ? 4 * kPi : light.analytic == 2 ? kPi : 2 * kPi;
-  return light.analytic == 1 ? unit * sqr(scale)
+  return light.analytic == 1   ? unit * sqr(scale)
          : light.analytic == 2 ? kPi * length(cross(m.x, m.y))
                                : unit * std::sqrt(0.5f * (length_squared(m.x) + length_squared(m.y))) * length(m.z);
 }
@@ -183,10 +184,11 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
   }
   const float radius = std::max(rays.bounds().radius(), 1e-6f);
   for (const PunctualLight& light : scene.lights) {
-    const float intensity = luminance(light.intensity.at(s.reference_time)) * light.intensity_scale.at(s.reference_time);
+    const float intensity =
+        luminance(light.intensity.at(s.reference_time)) * light.intensity_scale.at(s.reference_time);
     const float cone = 2 * kPi * (1 - std::cos(light.cutoff_angle.at(s.reference_time)));
     const bool shown = scene.visible(light.node, s.reference_time);
-    powers.push_back(!shown ? 0.0f
+    powers.push_back(!shown                                  ? 0.0f
                      : light.type == LightType::kDirectional ? intensity * kPi * sqr(radius)
                      : light.type == LightType::kPoint       ? intensity * 4 * kPi
                                                              : intensity * cone);
@@ -204,8 +206,10 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
       std::vector<float> row_sums(static_cast<std::size_t>(h)), weights(static_cast<std::size_t>(w));
       double sum = 0, norm = 0;
       const auto lum = [&](int x, int y) {
-        return std::max(0.0f, luminance(environment.image[std::size_t(std::clamp(y, 0, h - 1)) * std::size_t(w) +
-                                                          std::size_t((x + w) % w)]));
+        return std::max(
+            0.0f,
+            luminance(
+                environment.image[std::size_t(std::clamp(y, 0, h - 1)) * std::size_t(w) + std::size_t((x + w) % w)]));
       };
       for (int y = 0; y < h; ++y) {
         const float sin_theta = std::sin(kPi * (float(y) + 0.5f) / float(h));
@@ -214,7 +218,8 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
           // The picture is interpolated between texel centers: a texel's weight must cover its neighbours' share.
           float v = 0;
           for (int j = -1; j <= 1; ++j) {
-            v += (j == 0 ? 0.5f : 0.25f) * (0.25f * lum(x - 1, y + j) + 0.5f * lum(x, y + j) + 0.25f * lum(x + 1, y + j));
+            v += (j == 0 ? 0.5f : 0.25f) *
+                 (0.25f * lum(x - 1, y + j) + 0.5f * lum(x, y + j) + 0.25f * lum(x + 1, y + j));
           }
           weights[std::size_t(x)] = v;
           row += v;
@@ -227,7 +232,8 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
       e.rows = Discrete(row_sums);
       mean_luminance = sum / norm;
     }
-    powers.push_back(float(mean_luminance) * luminance(environment.radiance.at(s.reference_time)) * 4 * kPi * kPi * sqr(radius));
+    powers.push_back(float(mean_luminance) * luminance(environment.radiance.at(s.reference_time)) * 4 * kPi * kPi *
+                     sqr(radius));
     s.environments.push_back(std::move(e));
   }
   // Half by power, half evenly: power alone starves small lights that matter nearby.
@@ -314,7 +320,8 @@ std::optional<LightSample> LightSampler::Impl::sample_area(const AreaLight& ligh
   return r;
 }
 
-std::optional<LightSample> LightSampler::Impl::sample_punctual(const PunctualLight& light, const Vec3f& p, double t) const {
+std::optional<LightSample> LightSampler::Impl::sample_punctual(const PunctualLight& light, const Vec3f& p,
+                                                               double t) const {
   const Affine3f world = Affine3f(scene->world(light.node, t));
   const Vec3f axis = normalize(world.z);
   const Rgb intensity = light.intensity.at(t) * light.intensity_scale.at(t);
@@ -404,7 +411,8 @@ float LightSampler::pdf(const SurfacePoint& point, const ShadingPoint& s, const 
     const float d2 = length_squared(sphere->center - from), r2 = sqr(sphere->radius);
     if (d2 > r2 * 1.0001f) {
       const float sin2 = r2 / d2;
-      const float one_minus_cos = sin2 < 1e-3f ? 0.5f * sin2 * (1 + 0.25f * sin2) : 1 - std::sqrt(std::max(0.0f, 1 - sin2));
+      const float one_minus_cos =
+          sin2 < 1e-3f ? 0.5f * sin2 * (1 + 0.25f * sin2) : 1 - std::sqrt(std::max(0.0f, 1 - sin2));
       return probability / (2 * kPi * one_minus_cos);
     }
   }

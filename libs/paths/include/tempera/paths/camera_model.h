@@ -11,46 +11,71 @@
 namespace tempera {
 
 struct CameraRay {
-  Vec3f o, d;  ///< world; d is unit length
-  float tmin = 0, tmax = kInfinity;
+  Vec3f o, d;                        ///< world; d is unit length
+  float tmin = 0, tmax = kInfinity;  ///< where the ray passes the near and the far clipping plane
 };
 
-/// A camera for a film of width x height pixels. Threads: const and re-entrant.
+/// A camera for a film of width x height pixels. Scale in its node's transform widens or narrows the picture and does
+/// not change metres along the view axis or on the lens. Threads: const and re-entrant.
 class CameraModel {
  public:
-  /// `span`: times that will be asked for; within it the pose is resampled on the grid of `motion_step` seconds, as matter is.
+  /// `span`: times that will be asked for; within it the pose is resampled on the grid of `motion_step` seconds, as
+  /// matter is: translation and scale linear, rotation slerp, picture size and lens linear between the knots. `scene`
+  /// is only read here. Errors: Error{kBadInput} for a transform that is singular or not finite; Error{kOutOfRange} for
+  /// a field of view, lens or clipping distance outside its range, or a span of more than a million knots; both name
+  /// the camera.
   CameraModel(const Scene& scene, int camera, int width, int height, TimeSpan span, double motion_step);
 
   /// Ray through film position `pixel` (pixels, (0,0) top left corner) and lens point u in [0,1)^2 at time t.
   CameraRay ray(const Vec2f& pixel, const Vec2f& lens, double t) const;
   /// Film position (pixels) of a world point at time t through the center of the lens, and its distance along the view
-  /// axis (metres). Empty behind or in the plane of a perspective camera.
+  /// axis (metres; an orthographic camera sees points behind it, at negative ones). Empty behind or in the plane of a
+  /// perspective camera.
   struct Projected {
     Vec2f pixel;
     float depth = 0;
   };
   std::optional<Projected> project(const Vec3f& p, double t) const;
-  /// The same for a direction, i.e. a point at infinity.
+  /// The same for a direction, i.e. a point at infinity. Empty for orthographic cameras.
   std::optional<Vec2f> project_direction(const Vec3f& d, double t) const;
   /// World-space view axis (unit) at time t, and the position of the camera.
   Vec3f axis(double t) const;
   Vec3f position(double t) const;
 
  private:
-  struct Pose {
-    Affine3f world_from_camera;
-    float tan_x = 1, tan_y = 1;  ///< half extents at distance 1, or half size of an orthographic picture
-    float aperture = 0, focus = 1;
+  /// What is interpolated: world_from_camera = translate * rotate * upper triangular matrix.
+  struct Knot {
+    Vec3d translation;
+    Quatd rotation;
+    Vec3d scale, skew;  ///< diagonal; xy, xz, yz
+    double half_width = 1,
+           half_height = 1;  ///< of the picture: at distance 1 (perspective) or everywhere (orthographic)
+    double aperture = 0, focus = 1;
   };
-  Pose pose(double t) const;
-  const Scene* scene_;
-  const Camera* camera_;
-  int width_, height_;
+  /// What rays are made from.
+  struct Pose {
+    Affine3d world_from_camera;  ///< its z is a unit vector
+    Vec3d lens_x, lens_y;        ///< unit
+    double half_width = 1, half_height = 1, aperture = 0, focus = 1;
+  };
+  Knot sample(const Scene& scene, const Camera& camera, double t) const;
+  Pose compose(const Knot& knot) const;
+  Pose interpolate(double t) const;
+  /// Calls f with the pose at t; without copies for cameras that stand still.
+  template <class F>
+  auto with_pose(double t, F&& f) const {
+    return knots_.empty() ? f(still_) : f(interpolate(t));
+  }
+  Vec2f to_pixel(double x, double y) const;
+
+  bool perspective_;
+  Vec2d size_;    ///< of the film in pixels
+  Vec2d offset_;  ///< of the picture in fractions of its size
+  double near_, far_;
   double step_;
-  bool static_;
-  std::int64_t first_knot_ = 0;
-  std::vector<Pose> knots_;   ///< poses at knots first_knot_ + i, kept as rotation quaternions beside
-  std::vector<Quatd> rotations_;
+  Pose still_;                   ///< of a camera that does not change
+  std::int64_t first_knot_ = 0;  ///< knot i of knots_ stands at (first_knot_ + i) * step_
+  std::vector<Knot> knots_;      ///< empty if nothing changes
 };
 
 }  // namespace tempera

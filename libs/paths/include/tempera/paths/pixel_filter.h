@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Pixel reconstruction filters, realised by filter importance sampling: samples are placed by the filter's density, never
-// splatted, so that pixels stay independent.
+// Pixel reconstruction filters, realised by filter importance sampling: samples are placed by the filter's density,
+// never splatted, so that pixels stay independent.
 #include <memory>
 #include <string>
-#include <vector>
 
 #include "tempera/core/error.h"
 #include "tempera/core/vec.h"
@@ -16,26 +15,32 @@ enum class FilterKind { kBox, kTent, kGaussian, kMitchell, kBlackmanHarris };
 /// A separable filter. Radius in pixels. Threads: const and re-entrant.
 class PixelFilter {
  public:
-  /// radius 0: the kind's usual one (box 0.5, tent 1, gaussian 2 with stddev 0.5, mitchell 2, blackman_harris 1.5).
+  /// radius 0: the kind's usual one (box 0.5, tent 1, gaussian 2, mitchell 2, blackman_harris 1.5). Other radii stretch
+  /// the profile; a gaussian's standard deviation is a quarter of its radius, and it is shifted down to end at 0.
+  /// Mitchell's parameters are B = C = 1/3.
+  /// Errors: Error{kOutOfRange} unless radius is 0 or in [0.01, 32].
   explicit PixelFilter(FilterKind kind = FilterKind::kBox, float radius = 0);
   struct Sample {
     Vec2f offset;      ///< from the pixel's center
-    float weight = 1;  ///< estimates are multiplied by this; not 1 only for filters with negative lobes
+    float weight = 1;  ///< estimates are multiplied by this, 1 on average; not 1 only for filters with negative lobes
   };
-  /// Maps u in [0,1)^2 to an offset.
+  /// Maps u in [0,1)^2 to an offset with density proportional to |evaluate(x) evaluate(y)|, monotonically in each axis.
   Sample sample(const Vec2f& u) const;
-  float evaluate(float x) const;  ///< unnormalised 1D profile
+  /// Unnormalised 1D profile at x pixels from the center; 0 outside the radius.
+  float evaluate(float x) const;
   FilterKind kind() const { return kind_; }
   float radius() const { return radius_; }
 
  private:
+  struct Table;
+  float sample_axis(float u) const;
+
   FilterKind kind_;
   float radius_;
-  std::shared_ptr<const std::vector<float>> cdf_;  ///< of |filter| over [-radius, radius]
-  float scale_ = 1;  ///< integral of |filter| over integral of the filter
+  std::shared_ptr<const Table> table_;  ///< of |filter|; none for kinds with a closed form
 };
 
-/// "box", "tent", ... Errors: Error{kUnknownName} with the known names.
+/// "box", "tent", "gaussian", "mitchell" or "blackman_harris". Errors: Error{kUnknownName} with the known names.
 FilterKind parse_filter(const std::string& name, const SourceLoc& loc = {});
 std::string filter_name(FilterKind kind);
 

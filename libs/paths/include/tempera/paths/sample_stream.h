@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Primary sample space with addressed coordinates: every random number of a path is a function of its key (seed, stream,
-// pixel, sample) and of its coordinate (vertex, purpose). Nothing is drawn in sequence, so offset paths, replays, resumed
-// units and any number of threads see the same numbers.
+// Primary sample space with addressed coordinates: every random number of a path is a function of its key (seed,
+// stream, pixel, sample) and of its coordinate (vertex, purpose). Nothing is drawn in sequence, so offset paths,
+// replays, resumed units and any number of threads see the same numbers.
 #include <cstdint>
 
 #include "tempera/core/random.h"
@@ -15,16 +15,25 @@ enum class SamplerKind : std::uint8_t { kSobol, kIndependent };
 /// Coordinates of the camera vertex.
 enum class CameraDim : std::uint32_t { kPixel = 0, kLens = 2, kTime = 4, kSpare = 5 };
 /// Coordinates of a scattering vertex; numbers that are used as a pair start at an even coordinate.
-enum class VertexDim : std::uint32_t { kDirection = 0, kLightPoint = 2, kLobe = 4, kLightChoice = 5, kRoulette = 6, kOpacity = 7 };
+enum class VertexDim : std::uint32_t {
+  kDirection = 0,
+  kLightPoint = 2,
+  kLobe = 4,
+  kLightChoice = 5,
+  kRoulette = 6,
+  kOpacity = 7
+};
 
 inline constexpr std::uint32_t kDimsPerVertex = 8;
 constexpr std::uint32_t coordinate(CameraDim d) { return std::uint32_t(d); }
 /// Vertex b = 0 is the first surface after the camera.
-constexpr std::uint32_t coordinate(std::uint32_t vertex, VertexDim d) { return kDimsPerVertex * (vertex + 1) + std::uint32_t(d); }
+constexpr std::uint32_t coordinate(std::uint32_t vertex, VertexDim d) {
+  return kDimsPerVertex * (vertex + 1) + std::uint32_t(d);
+}
 
 namespace detail {
-// The steps of the Sobol sampler for one 32-bit word or several at once (vector extensions of gcc and clang, compiled to
-// whatever the target has), so that each exists once.
+// The steps of the Sobol sampler for one 32-bit word or several at once (vector extensions of gcc and clang, compiled
+// to whatever the target has), so that each exists once.
 using Words4 = std::uint32_t __attribute__((vector_size(16)));
 using Words8 = std::uint32_t __attribute__((vector_size(32)));
 
@@ -66,10 +75,10 @@ struct VertexNumbers {
 
 /// The random numbers of one sample of one pixel, each in [0,1). A small value; copying it replays it.
 ///
-/// kSobol: coordinates 2k and 2k + 1 form a (0,2)-sequence over the samples of a pixel, Owen-scrambled and visited in an
-/// order that is shuffled (again by nested scrambling, so that every aligned power of two of samples is a net) for each
-/// key and pair: pairs are independent of each other [Burley 2020]. Any number of samples serves; powers of two best.
-/// kIndependent: hashes.
+/// kSobol: coordinates 2k and 2k + 1 form a (0,2)-sequence over the samples of a pixel, Owen-scrambled and visited in
+/// an order that is shuffled (again by nested scrambling, so that every aligned power of two of samples is a net) for
+/// each key and pair: pairs are independent of each other [Burley 2020]. Any number of samples serves; powers of two
+/// best. kIndependent: hashes.
 class SampleStream {
  public:
   /// `stream` separates independent pictures (the frame number, or another frame's to replay it).
@@ -104,10 +113,12 @@ class SampleStream {
   VertexNumbers vertex(std::uint32_t b) const {
     static_assert(kDimsPerVertex == 8);
     const std::uint32_t pair = kDimsPerVertex / 2 * (b + 1);
-    const std::uint64_t h0 = pair_hash(pair), h1 = pair_hash(pair + 1), h2 = pair_hash(pair + 2), h3 = pair_hash(pair + 3);
+    const std::uint64_t h0 = pair_hash(pair), h1 = pair_hash(pair + 1), h2 = pair_hash(pair + 2),
+                        h3 = pair_hash(pair + 3);
     // Lanes 0 to 3: first dimensions of the four pairs; 4 to 7: second.
-    detail::Words8 bits{std::uint32_t(h0),       std::uint32_t(h1),       std::uint32_t(h2),       std::uint32_t(h3),
-                        std::uint32_t(h0 >> 32), std::uint32_t(h1 >> 32), std::uint32_t(h2 >> 32), std::uint32_t(h3 >> 32)};
+    detail::Words8 bits{std::uint32_t(h0),       std::uint32_t(h1),       std::uint32_t(h2),
+                        std::uint32_t(h3),       std::uint32_t(h0 >> 32), std::uint32_t(h1 >> 32),
+                        std::uint32_t(h2 >> 32), std::uint32_t(h3 >> 32)};
     if (kind_ != SamplerKind::kIndependent) {
       const detail::Words4 seeds{order_seed(h0), order_seed(h1), order_seed(h2), order_seed(h3)};
       const detail::Words4 sample = detail::Words4{} + reversed_sample_;
@@ -121,8 +132,8 @@ class SampleStream {
       return to_unit_float(bits[k / 2 + (k & 1) * 4]);
     };
     const auto u2 = [&](VertexDim d) { return Vec2f{u(d), u(VertexDim(std::uint32_t(d) + 1))}; };
-    return {u2(VertexDim::kDirection), u2(VertexDim::kLightPoint), u(VertexDim::kLobe),
-            u(VertexDim::kLightChoice), u(VertexDim::kRoulette),   u(VertexDim::kOpacity)};
+    return {u2(VertexDim::kDirection),  u2(VertexDim::kLightPoint), u(VertexDim::kLobe),
+            u(VertexDim::kLightChoice), u(VertexDim::kRoulette),    u(VertexDim::kOpacity)};
   }
 
  private:

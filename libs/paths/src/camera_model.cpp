@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/paths/camera_model.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+
+#include "tempera/core/error.h"
+#include "tempera/shading/microfacet.h"
+
+namespace tempera {
+namespace {
+
+constexpr double kMaxKnots = 1e6;
+
+[[noreturn]] void fail(const Scene& scene, const Camera& camera, ErrorCode code, const std::string& what) {
+  throw Error(code, SourceLoc{scene.source.string()}, fmt::format("camera \"{}\" {}", camera.name, what));
+}
+
+}  // namespace
+
+CameraModel::CameraModel(const Scene& scene, int index, int width, int height, TimeSpan span, double motion_step)
+    : size_(width, height), step_(motion_step) {
+  TEMPERA_ASSERT(index >= 0 && index < int(scene.cameras.size()) && width > 0 && height > 0 && motion_step > 0);
+  const Camera& camera = scene.cameras[std::size_t(index)];
+  perspective_ = camera.projection == Projection::kPerspective;
+  offset_ = Vec2d(camera.principal_offset);
+  near_ = camera.near_clip, far_ = camera.far_clip;
+  if (!(near_ >= 0 && near_ < far_)) {
+    fail(scene, camera, ErrorCode::kOutOfRange,
+         fmt::format("has clipping distances {} and {}; valid: 0 <= near < far", near_, far_));
+  }
+  if (!std::isfinite(offset_.x) || !std::isfinite(offset_.y)) {
+    fail(scene, camera, ErrorCode::kOutOfRange, "has a principal offset that is not finite");
+  }
+  // The grid of RayScene: a time that is meant to be a knot is that knot.
+  const double first = std::floor(span.begin / step_ + 1e-9), last = std::ceil(span.end / step_ - 1e-9);
+  if (!(last - first < kMaxKnots) || !(std::abs(first) < 1e15)) {
+    fail(scene, camera, ErrorCode::kOutOfRange,
+         fmt::format("would need more than {:g} poses {} s apart", kMaxKnots, step_));
+  }
+  const TimeSpan grid{first * step_, last * step_};
+  const bool changes = scene.moves(camera.node, grid) ||
+                       (perspective_ ? camera.fov_x.varies_over(grid) : camera.width.varies_over(grid)) ||
+                       camera.aperture_radius.varies_over(grid) || camera.focus_distance.varies_over(grid);
+  if (!changes) {
+    still_ = compose(sample(scene, camera, span.begin));
+    return;
+  }
+  first_knot_ = std::int64_t(first);
+  const int count = int(last - first) + 1;
+  knots_.reserve(std::size_t(count));
+  for (int k = 0; k < count; ++k) knots_.push_back(sample(scene, camera, (first + k) * step_));
+}
+
+CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, double t) const {
+  const Affine3d m = scene.world(camera.node, t);
+  const double largest = std::max({length(m.x), length(m.y), length(m.z)});
+  const bool regular = is_finite(m.x) && is_finite(m.y) && is_finite(m.z) && is_finite(m.translation) &&
+                       std::abs(m.determinant()) > 1e-9 * largest * largest * largest;
+  if (!regular) fail(scene, camera, ErrorCode::kBadInput, fmt::format("has a singular transform at {} s", t));
+
+  Knot k;
+  const Vec3d x = normalize(m.x), y = normalize(m.y - x * dot(x, m.y)), z = cross(x, y);
+  k.translation = m.translation;
+  k.rotation = quaternion(Affine3d{x, y, z});
+  k.scale = {dot(x, m.x), dot(y, m.y), dot(z, m.z)};
+  k.skew = {dot(x, m.y), dot(x, m.z), dot(y, m.z)};
+
+  const auto in_range = [&](double value, double low, double high, const char* what, const char* valid) {
+    if (value > low && value < high) return value;
+    fail(scene, camera, ErrorCode::kOutOfRange, fmt::format("has {} {} at {} s; valid: {}", what, value, t, valid));
+  };
+  constexpr double kHuge = 1e18;
+  const double half_width =
+      perspective_ ? std::tan(in_range(camera.fov_x.at(t), 0, kPiD, "a horizontal field of view of", "0 to pi") / 2)
+                   : in_range(camera.width.at(t), 0, kHuge, "a width of", "above 0") / 2;
+  const double aspect = size_.x / size_.y;
+  if (camera.keep_vertical_fov) {
+    k.half_height = half_width / in_range(camera.authored_aspect, 0, kHuge, "an aspect ratio of", "above 0");
+    k.half_width = k.half_height * aspect;
+  } else {
+    k.half_width = half_width;
+    k.half_height = half_width / aspect;
+  }
+  if (perspective_) {
+    k.aperture = in_range(camera.aperture_radius.at(t), -1e-30, kHuge, "an aperture radius of", "0 or more");
+    k.focus = camera.focus_distance.at(t);
+    if (k.aperture > 0) in_range(k.focus, 0, kHuge, "a focus distance of", "above 0");
+  }
+  return k;
+}
+
+CameraModel::Pose CameraModel::compose(const Knot& k) const {
+  const Affine3d upper{{k.scale.x, 0, 0}, {k.skew.x, k.scale.y, 0}, {k.skew.y, k.skew.z, k.scale.z}};
+  Affine3d m = rotation(k.rotation) * upper;
+  // Metres along the view axis are the world's. A perspective picture sees directions alone: a common factor of all
+  // axes changes nothing.
+  const double unit = 1 / length(m.z);
+  m.z = m.z * unit;
+  if (perspective_) m.x = m.x * unit, m.y = m.y * unit;
+  m.translation = k.translation;
+  return {m, normalize(m.x), normalize(m.y), k.half_width, k.half_height, k.aperture, k.focus};
+}
+
+CameraModel::Pose CameraModel::interpolate(double t) const {
+  const double x = t / step_ - double(first_knot_);
+  const double base = std::clamp(std::floor(x + 1e-9), 0.0, double(knots_.size() - 1));
+  const double s = std::clamp(x - base, 0.0, 1.0);
+  const std::size_t i = std::size_t(base);
+  if (s == 0 || i + 1 == knots_.size()) return compose(knots_[i]);
+  const Knot &a = knots_[i], &b = knots_[i + 1];
+  const auto mix = [&](double u, double v) { return u + (v - u) * s; };  // exactly u if both are equal
+  const auto mix3 = [&](const Vec3d& u, const Vec3d& v) { return u + (v - u) * s; };
+  return compose({mix3(a.translation, b.translation),
+                  a.rotation == b.rotation ? a.rotation : slerp(a.rotation, b.rotation, s), mix3(a.scale, b.scale),
+                  mix3(a.skew, b.skew), mix(a.half_width, b.half_width), mix(a.half_height, b.half_height),
+                  mix(a.aperture, b.aperture), mix(a.focus, b.focus)});
+}
+
+CameraRay CameraModel::ray(const Vec2f& pixel, const Vec2f& lens, double t) const {
+  return with_pose(t, [&](const Pose& p) {
+    const Affine3d& m = p.world_from_camera;
+    // Local +x is to the left of the picture, +y up.
+    const double x = (1 - 2 * (pixel.x / size_.x - offset_.x)) * p.half_width;
+    const double y = (1 - 2 * (pixel.y / size_.y - offset_.y)) * p.half_height;
+    CameraRay r;
+    if (!perspective_) {
+      r.o = Vec3f(m.translation + m.x * x + m.y * y);
+      r.d = Vec3f(m.z);
+      r.tmin = float(near_), r.tmax = float(far_);
+      return r;
+    }
+    Vec3d d = m.vector({x, y, 1});  // to the plane at distance 1 from the lens
+    Vec3d o = m.translation;
+    if (p.aperture > 0) {
+      const Vec2f disk = square_to_disk(lens);
+      const Vec3d offset = p.lens_x * (disk.x * p.aperture) + p.lens_y * (disk.y * p.aperture);
+      o += offset;
+      d = d - offset / p.focus;  // through the point in focus
+    }
+    const double per_metre = length(d);  // ray length per metre of depth
+    r.o = Vec3f(o);
+    r.d = Vec3f(d * (1 / per_metre));
+    r.tmin = float(near_ * per_metre), r.tmax = float(far_ * per_metre);
+    return r;
+  });
+}
+
+Vec2f CameraModel::to_pixel(double x, double y) const {
+  return {float(size_.x * (0.5 - 0.5 * x + offset_.x)), float(size_.y * (0.5 - 0.5 * y + offset_.y))};
+}
+
+std::optional<CameraModel::Projected> CameraModel::project(const Vec3f& point, double t) const {
+  return with_pose(t, [&](const Pose& p) -> std::optional<Projected> {
+    const Affine3d& m = p.world_from_camera;
+    const Vec3d local = inverse(Affine3d{m.x, m.y, m.z}).vector(Vec3d(point) - m.translation);
+    if (perspective_ && !(local.z > 0)) return std::nullopt;
+    const double scale = perspective_ ? 1 / local.z : 1;
+    return Projected{to_pixel(local.x * scale / p.half_width, local.y * scale / p.half_height), float(local.z)};
+  });
+}
+
+std::optional<Vec2f> CameraModel::project_direction(const Vec3f& d, double t) const {
+  if (!perspective_) return std::nullopt;
+  return with_pose(t, [&](const Pose& p) -> std::optional<Vec2f> {
+    const Affine3d& m = p.world_from_camera;
+    const Vec3d local = inverse(Affine3d{m.x, m.y, m.z}).vector(Vec3d(d));
+    if (!(local.z > 0)) return std::nullopt;
+    return to_pixel(local.x / local.z / p.half_width, local.y / local.z / p.half_height);
+  });
+}
+
+Vec3f CameraModel::axis(double t) const {
+  return with_pose(t, [](const Pose& p) { return Vec3f(p.world_from_camera.z); });
+}
+
+Vec3f CameraModel::position(double t) const {
+  return with_pose(t, [](const Pose& p) { return Vec3f(p.world_from_camera.translation); });
+}
+
+}  // namespace tempera
