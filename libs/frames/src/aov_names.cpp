@@ -11,7 +11,8 @@
 namespace tempera {
 namespace {
 
-/// A layer under another program's name. `channels` replaces our suffixes one by one; an empty text means the name alone.
+/// A layer under another program's name. `channels` replaces our suffixes one by one; an empty text means the name
+/// alone.
 struct Alias {
   const char* ours;
   const char* theirs;
@@ -23,24 +24,17 @@ const std::vector<std::string> kLowRgb{"r", "g", "b"};
 
 // Blender 2.8 to 4: names of passes in multi-layer files, after "<view layer>.".
 const std::vector<Alias> kBlender{
-    {"color", "Combined", kRgba},
-    {"albedo", "Denoising Albedo", kRgb},
-    {"normal", "Denoising Normal", kXyz},
-    {"depth", "Depth", {"Z"}},
-    {"position", "Position", kXyz},
-    {"object_id", "IndexOB", {"X"}},
-    {"uv", "UV", {"U", "V"}},
-    {"emission", "Emit", kRgb},
-    {"samples", "Debug Sample Count", {"X"}},
+    {"color", "Combined", kRgba}, {"albedo", "Denoising Albedo", kRgb}, {"normal", "Denoising Normal", kXyz},
+    {"depth", "Depth", {"Z"}},    {"position", "Position", kXyz},       {"object_id", "IndexOB", {"X"}},
+    {"uv", "UV", {"U", "V"}},     {"emission", "Emit", kRgb},           {"samples", "Debug Sample Count", {"X"}},
 };
-const std::vector<Alias> kArnold{  // the features that noice looks for, and Arnold's built-in AOVs
-    {"color.var", "variance", kRgb},
-    {"albedo", "denoise_albedo", kRgb},
-    {"normal", "N", kXyz},
-    {"depth", "Z", {""}},
+const std::vector<Alias> kArnold{
+    // the features that noice looks for, and Arnold's built-in AOVs
+    {"color.var", "variance", kRgb}, {"albedo", "denoise_albedo", kRgb}, {"normal", "N", kXyz}, {"depth", "Z", {""}},
     {"position", "P", kXyz},
 };
-const std::vector<Alias> kRenderman{  // the channels of PrmanDenoiseChannelDefine
+const std::vector<Alias> kRenderman{
+    // the channels of PrmanDenoiseChannelDefine
     {"color.var", "mse", kLowRgb},
     {"albedo", "albedo", kLowRgb},
     {"normal", "normal", kLowRgb},
@@ -48,7 +42,8 @@ const std::vector<Alias> kRenderman{  // the channels of PrmanDenoiseChannelDefi
     {"motion.forward", "forward", {"x", "y"}},
     {"motion.backward", "backward", {"x", "y"}},
 };
-const std::vector<Alias> kPbrt{  // GBufferFilm
+const std::vector<Alias> kPbrt{
+    // GBufferFilm
     {"color.var", "Variance", kRgb},
     {"albedo", "Albedo", kRgb},
     {"normal", "Ns", kXyz},
@@ -56,17 +51,25 @@ const std::vector<Alias> kPbrt{  // GBufferFilm
 };
 // Further names that only reading knows. Earlier rows win over later ones.
 const std::vector<Alias> kReadOnly{
-    {"albedo", "diffuse_albedo", kRgb}, {"normal", "N", kXyz}, {"depth", "Z", {""}}, {"color", "Ci", kRgba},
+    {"albedo", "diffuse_albedo", kRgb},
+    {"normal", "N", kXyz},
+    {"depth", "Z", {""}},
+    {"color", "Ci", kRgba},
 };
 
 const std::vector<Alias>& table(AovNames names) {
   static const std::vector<Alias> none;
   switch (names) {
-    case AovNames::kBlender: return kBlender;
-    case AovNames::kArnold: return kArnold;
-    case AovNames::kRenderman: return kRenderman;
-    case AovNames::kPbrt: return kPbrt;
-    case AovNames::kTempera: return none;
+    case AovNames::kBlender:
+      return kBlender;
+    case AovNames::kArnold:
+      return kArnold;
+    case AovNames::kRenderman:
+      return kRenderman;
+    case AovNames::kPbrt:
+      return kPbrt;
+    case AovNames::kTempera:
+      return none;
   }
   return none;
 }
@@ -104,10 +107,10 @@ std::optional<LayerDesc> find_underscored(std::string_view pass) {
   return std::nullopt;
 }
 
-/// Position of a suffix among the usual ones, so that a layer's channels come out as R,G,B,A, X,Y,Z,W or U,V.
+/// Position of a suffix among the usual ones, so that a layer's channels come out as R,G,B,A, X,Y,Z,W or U,V,A.
 int channel_rank(const std::string& suffix) {
-  static const std::array<const char*, 14> order{"r",     "g", "b", "a", "red", "green", "blue",
-                                                 "alpha", "x", "y", "z", "w",   "u",     "v"};
+  static const std::array<const char*, 14> order{"r", "g", "b", "red", "green", "blue", "x",
+                                                 "y", "z", "w", "u",   "v",     "a",    "alpha"};
   std::string low = suffix;
   std::transform(low.begin(), low.end(), low.begin(), [](unsigned char c) { return char(std::tolower(c)); });
   const auto it = std::find(order.begin(), order.end(), low);
@@ -162,7 +165,8 @@ std::vector<AovChannel> aov_channels(const std::vector<LayerDesc>& layers, AovNa
       const std::string prefix = names == AovNames::kBlender ? "ViewLayer." : "";
       // A layer may hold fewer channels than ours usually has; it never has more of those with a name there.
       const int n = std::min(d.channel_count(), int(alias->channels.size()));
-      for (int c = 0; c < n; ++c) out.push_back({join(prefix + alias->theirs, alias->channels[std::size_t(c)]), d.name, c, 1});
+      for (int c = 0; c < n; ++c)
+        out.push_back({join(prefix + alias->theirs, alias->channels[std::size_t(c)]), d.name, c, 1});
       continue;
     }
     for (int c = 0; c < d.channel_count(); ++c) {
@@ -179,7 +183,8 @@ std::vector<AovChannel> aov_channels(const std::vector<LayerDesc>& layers, AovNa
       out.push_back({std::move(name), d.name, c, 1});
     }
   }
-  if (names == AovNames::kBlender && forward && backward && forward->channel_count() >= 2 && backward->channel_count() >= 2) {
+  if (names == AovNames::kBlender && forward && backward && forward->channel_count() >= 2 &&
+      backward->channel_count() >= 2) {
     out.push_back({"ViewLayer.Vector.X", "motion.backward", 0, 1});
     out.push_back({"ViewLayer.Vector.Y", "motion.backward", 1, -1});  // y points up there
     out.push_back({"ViewLayer.Vector.Z", "motion.forward", 0, -1});   // current - next
@@ -229,7 +234,8 @@ std::vector<LayerSource> layers_of_channels(const std::vector<std::string>& name
   for (RawLayer& l : raw) {
     l.known = layers::find(l.name.empty() ? "color" : l.name);
     const auto rank = [&](const std::string& suffix) {
-      if (l.known) {  // a layer of ours keeps the order of the vocabulary
+      if (l.name.empty() && suffix == "Y") return -1;  // gray comes before its alpha
+      if (l.known) {                                   // a layer of ours keeps the order of the vocabulary
         const auto& c = l.known->channels;
         const auto it = std::find(c.begin(), c.end(), suffix);
         if (it != c.end()) return int(it - c.begin());

@@ -37,8 +37,6 @@ ToneMap parse_tone_map(std::string_view text) {
   throw Error(ErrorCode::kUnknownName, fmt::format("unknown tone map \"{}\"; known: srgb, filmic, none", text));
 }
 
-float linear_to_srgb(float v) { return v <= 0.0031308f ? 12.92f * v : 1.055f * std::pow(v, 1 / 2.4f) - 0.055f; }
-float srgb_to_linear(float v) { return v <= 0.04045f ? v / 12.92f : std::pow((v + 0.055f) / 1.055f, 2.4f); }
 
 Rgb tone_map(const Rgb& color, const DisplayOptions& options) {
   Rgb c = color * std::exp2(options.exposure);
@@ -53,13 +51,16 @@ Rgb tone_map(const Rgb& color, const DisplayOptions& options) {
 
 std::vector<std::uint8_t> to_rgb8(const Image& image, const DisplayOptions& options) {
   std::vector<std::uint8_t> out(std::size_t(image.pixels()) * 3);
-  parallel_for(0, image.height(), [&](std::int64_t y) {
-    std::uint8_t* to = out.data() + std::size_t(y) * std::size_t(image.width()) * 3;
-    for (int x = 0; x < image.width(); ++x) {
-      const Rgb c = tone_map(image.rgb(x, int(y)), options);
-      for (int i = 0; i < 3; ++i) *to++ = std::uint8_t(c[i] * 255.0f + 0.5f);
-    }
-  }, 8);
+  parallel_for(
+      0, image.height(),
+      [&](std::int64_t y) {
+        std::uint8_t* to = out.data() + std::size_t(y) * std::size_t(image.width()) * 3;
+        for (int x = 0; x < image.width(); ++x) {
+          const Rgb c = tone_map(image.rgb(x, int(y)), options);
+          for (int i = 0; i < 3; ++i) *to++ = std::uint8_t(c[i] * 255.0f + 0.5f);
+        }
+      },
+      8);
   return out;
 }
 
@@ -70,7 +71,8 @@ void write_png(const std::string& path, const Image& image, const DisplayOptions
   const auto out = OIIO::ImageOutput::create("image.png", &memory);
   OIIO::ImageSpec spec(image.width(), image.height(), 3, OIIO::TypeDesc::UINT8);
   if (options.tone_map != ToneMap::kNone) spec.attribute("oiio:ColorSpace", "sRGB");
-  if (!out || !out->open("image.png", spec) || !out->write_image(OIIO::TypeDesc::UINT8, pixels.data()) || !out->close()) {
+  if (!out || !out->open("image.png", spec) || !out->write_image(OIIO::TypeDesc::UINT8, pixels.data()) ||
+      !out->close()) {
     throw Error(ErrorCode::kFailed, fmt::format("cannot write {}: {}", path, out ? out->geterror() : OIIO::geterror()));
   }
   const auto& bytes = memory.buffer();
@@ -104,19 +106,22 @@ Image resized(const Image& image, int width, int height) {
   };
   const auto columns = spans(image.width(), width), rows = spans(image.height(), height);
   Image out(width, height, image.channels());
-  parallel_for(0, height, [&](std::int64_t y) {
-    const Span& r = rows[std::size_t(y)];
-    for (int x = 0; x < width; ++x) {
-      const Span& c = columns[std::size_t(x)];
-      float* to = out.pixel(x, int(y));
-      for (std::size_t j = 0; j < r.weights.size(); ++j) {
-        for (std::size_t i = 0; i < c.weights.size(); ++i) {
-          const float* from = image.pixel(c.first + int(i), r.first + int(j));
-          for (int k = 0; k < image.channels(); ++k) to[k] += r.weights[j] * c.weights[i] * from[k];
+  parallel_for(
+      0, height,
+      [&](std::int64_t y) {
+        const Span& r = rows[std::size_t(y)];
+        for (int x = 0; x < width; ++x) {
+          const Span& c = columns[std::size_t(x)];
+          float* to = out.pixel(x, int(y));
+          for (std::size_t j = 0; j < r.weights.size(); ++j) {
+            for (std::size_t i = 0; i < c.weights.size(); ++i) {
+              const float* from = image.pixel(c.first + int(i), r.first + int(j));
+              for (int k = 0; k < image.channels(); ++k) to[k] += r.weights[j] * c.weights[i] * from[k];
+            }
+          }
         }
-      }
-    }
-  }, 4);
+      },
+      4);
   return out;
 }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/half.h>
 #include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
-#include <OpenImageIO/half.h>
 
 #include <algorithm>
 #include <cstring>
@@ -30,12 +30,18 @@ std::string one_line(std::string text) {
 
 const char* oiio_name(Compression c) {
   switch (c) {
-    case Compression::kNone: return "none";
-    case Compression::kRle: return "rle";
-    case Compression::kZips: return "zips";
-    case Compression::kZip: return "zip";
-    case Compression::kPiz: return "piz";
-    case Compression::kDwaa: return "dwaa";
+    case Compression::kNone:
+      return "none";
+    case Compression::kRle:
+      return "rle";
+    case Compression::kZips:
+      return "zips";
+    case Compression::kZip:
+      return "zip";
+    case Compression::kPiz:
+      return "piz";
+    case Compression::kDwaa:
+      return "dwaa";
   }
   return "zip";
 }
@@ -149,13 +155,15 @@ void write_frame(const std::string& path, const Frame& frame, const WriteOptions
   }
   spec.attribute("compression", oiio_name(options.compression));
   for (const auto& [name, value] : metadata) {
-    std::visit([&](const auto& v) {
-      if constexpr (std::is_same_v<std::decay_t<decltype(v)>, double>) {
-        spec.attribute(name, OIIO::TypeDesc::DOUBLE, &v);
-      } else {
-        spec.attribute(name, v);
-      }
-    }, value);
+    std::visit(
+        [&](const auto& v) {
+          if constexpr (std::is_same_v<std::decay_t<decltype(v)>, double>) {
+            spec.attribute(name, OIIO::TypeDesc::DOUBLE, &v);
+          } else {
+            spec.attribute(name, v);
+          }
+        },
+        value);
   }
   // The library would add the time of day, and the same frame would not give the same file.
   if (!metadata.contains("DateTime")) spec.attribute("DateTime", "");
@@ -171,26 +179,30 @@ void write_frame(const std::string& path, const Frame& frame, const WriteOptions
   };
   if (!out) throw fail(OIIO::geterror());
   if (!out->open("frame.exr", spec)) throw fail(out->geterror());
-  std::vector<std::byte> strip(pixel_bytes * std::size_t(frame.width()) * std::size_t(std::min(kStrip, frame.height())));
+  std::vector<std::byte> strip(pixel_bytes * std::size_t(frame.width()) *
+                               std::size_t(std::min(kStrip, frame.height())));
   for (int y0 = 0; y0 < frame.height(); y0 += kStrip) {
     const int y1 = std::min(y0 + kStrip, frame.height());
-    parallel_for(y0, y1, [&](std::int64_t y) {
-      std::byte* to = strip.data() + pixel_bytes * std::size_t(frame.width()) * std::size_t(y - y0);
-      for (int x = 0; x < frame.width(); ++x) {
-        for (const Column& c : columns) {
-          const float value = c.image->at(x, int(y), c.channel);
-          const float v = c.scale == 1 ? value : value * c.scale;
-          if (c.half) {
-            const half h(v);
-            std::memcpy(to, &h, 2);
-            to += 2;
-          } else {
-            std::memcpy(to, &v, 4);
-            to += 4;
+    parallel_for(
+        y0, y1,
+        [&](std::int64_t y) {
+          std::byte* to = strip.data() + pixel_bytes * std::size_t(frame.width()) * std::size_t(y - y0);
+          for (int x = 0; x < frame.width(); ++x) {
+            for (const Column& c : columns) {
+              const float value = c.image->at(x, int(y), c.channel);
+              const float v = c.scale == 1 ? value : value * c.scale;
+              if (c.half) {
+                const half h(v);
+                std::memcpy(to, &h, 2);
+                to += 2;
+              } else {
+                std::memcpy(to, &v, 4);
+                to += 4;
+              }
+            }
           }
-        }
-      }
-    }, 16);
+        },
+        16);
     if (!out->write_scanlines(y0, y1, 0, OIIO::TypeDesc::UNKNOWN, strip.data())) throw fail(out->geterror());
   }
   if (!out->close()) throw fail(out->geterror());
@@ -225,10 +237,9 @@ OIIO::TypeDesc channel_format(const OIIO::ImageSpec& spec, int c) {
 
 Metadata metadata_of(const OIIO::ImageSpec& spec) {
   // Attributes that describe the file rather than the frame.
-  static const std::set<std::string> structural{"compression",         "PixelAspectRatio",  "screenWindowWidth",
-                                                "screenWindowCenter",  "name",              "type",
-                                                "BlenderMultiChannel", kLayersAttribute,
-                                                "dwaCompressionLevel", "CompressionQuality"};
+  static const std::set<std::string> structural{
+      "compression", "PixelAspectRatio",    "screenWindowWidth", "screenWindowCenter",  "name",
+      "type",        "BlenderMultiChannel", kLayersAttribute,    "dwaCompressionLevel", "CompressionQuality"};
   Metadata m;
   for (const auto& p : spec.extra_attribs) {
     const std::string name = p.name().string();
@@ -273,7 +284,8 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
   std::vector<int> used;
   for (int part = 0; f.input->seek_subimage(part, 0); ++part) {
     const OIIO::ImageSpec spec = f.input->spec();
-    if (spec.deep) throw Error(ErrorCode::kUnsupported, fmt::format("cannot read {}: deep images are not supported", path));
+    if (spec.deep)
+      throw Error(ErrorCode::kUnsupported, fmt::format("cannot read {}: deep images are not supported", path));
     const std::string view = spec.get_string_attribute("view");
     if (part == 0) first_view = view;
     if (part == 0 || (exr && view == first_view)) used.push_back(part);
@@ -295,7 +307,8 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
     channel_count += s.nchannels;
     const double values = double(s.width) * s.height * std::max(1, s.depth) * s.nchannels;
     if (s.width <= 0 || s.height <= 0 || s.nchannels <= 0) throw bad_file(path, "it holds no pixels");
-    if (values > double(options.max_values)) throw bad_file(path, fmt::format("{}x{} pixels are too many", s.width, s.height));
+    if (values > double(options.max_values))
+      throw bad_file(path, fmt::format("{}x{} pixels are too many", s.width, s.height));
   }
   if (double(f.header.width) * f.header.height * double(channel_count) > double(options.max_values)) {
     throw bad_file(path, fmt::format("{}x{} pixels with {} channels are too many", f.header.width, f.header.height,
@@ -304,7 +317,8 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
 
   bool main_part = false;
   for (const int part : used) {
-    if (part > 0) main_part = main_part || is_main_part(f.parts[std::size_t(part)].get_string_attribute("oiio:subimagename"));
+    if (part > 0)
+      main_part = main_part || is_main_part(f.parts[std::size_t(part)].get_string_attribute("oiio:subimagename"));
   }
   std::set<std::string> seen;
   for (const int part : used) {
@@ -405,13 +419,15 @@ float to_float(const std::byte* p, OIIO::TypeDesc format) {
       std::memcpy(&v, p, 2);
       return float(v) / 65535.0f;
     }
-    case OIIO::TypeDesc::UINT8: return float(std::to_integer<std::uint8_t>(*p)) / 255.0f;
+    case OIIO::TypeDesc::UINT8:
+      return float(std::to_integer<std::uint8_t>(*p)) / 255.0f;
     case OIIO::TypeDesc::DOUBLE: {
       double v;
       std::memcpy(&v, p, 8);
       return float(v);
     }
-    default: return 0;
+    default:
+      return 0;
   }
 }
 
@@ -431,16 +447,19 @@ void unpack(const OpenFile& f, const OIIO::ImageSpec& spec, const std::vector<Ta
   const int xa = std::max(spec.x, f.x), xb = std::min(spec.x + spec.width, f.x + f.header.width);
   const int ya = std::max(y0, f.y), yb = std::min(y1, f.y + f.header.height);
   if (xa >= xb || ya >= yb) return;
-  parallel_for(ya, yb, [&](std::int64_t y) {
-    const std::byte* row = data + row_bytes * std::size_t(y - y0);
-    for (const Target& t : targets) {
-      const std::byte* from = row + pixel_bytes * std::size_t(xa - spec.x) + t.offset;
-      for (int x = xa; x < xb; ++x, from += pixel_bytes) {
-        const float v = to_float(from, t.format);
-        t.image->at(x - f.x, int(y) - f.y, t.channel) = t.srgb ? srgb_to_linear(v) : t.scale == 1 ? v : v * t.scale;
-      }
-    }
-  }, 16);
+  parallel_for(
+      ya, yb,
+      [&](std::int64_t y) {
+        const std::byte* row = data + row_bytes * std::size_t(y - y0);
+        for (const Target& t : targets) {
+          const std::byte* from = row + pixel_bytes * std::size_t(xa - spec.x) + t.offset;
+          for (int x = xa; x < xb; ++x, from += pixel_bytes) {
+            const float v = to_float(from, t.format);
+            t.image->at(x - f.x, int(y) - f.y, t.channel) = t.srgb ? srgb_to_linear(v) : t.scale == 1 ? v : v * t.scale;
+          }
+        }
+      },
+      16);
 }
 }  // namespace
 

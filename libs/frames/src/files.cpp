@@ -41,7 +41,8 @@ TemporaryFile::TemporaryFile(const std::string& path) : final_(path) {
     if (ec) fail("create directory", p.parent_path().string(), ec.value());
   }
   for (;;) {
-    const std::string name = fmt::format(".{}.{}-{}.tmp{}", p.stem().string(), ::getpid(), counter++, p.extension().string());
+    const std::string name =
+        fmt::format(".{}.{}-{}.tmp{}", p.stem().string(), ::getpid(), counter++, p.extension().string());
     temporary_ = (p.parent_path() / name).string();
     fd_ = ::open(temporary_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (fd_ >= 0) return;
@@ -84,7 +85,7 @@ void write_file(const std::string& path, std::span<const std::byte> bytes) {
     done += std::size_t(n);
   }
   // Some network file systems report a lost write only here.
-  struct stat info{};
+  struct stat info {};
   if (::fsync(file.fd_) != 0 || ::fstat(file.fd_, &info) != 0) fail("write", path, errno);
   if (std::size_t(info.st_size) != bytes.size()) fail("write", path, EIO);
   file.synced_ = true;

@@ -9,11 +9,16 @@ namespace tempera {
 
 std::string_view to_string(Combine combine) {
   switch (combine) {
-    case Combine::kMean: return "mean";
-    case Combine::kSum: return "sum";
-    case Combine::kFirst: return "first";
-    case Combine::kId: return "id";
-    case Combine::kVariance: return "variance";
+    case Combine::kMean:
+      return "mean";
+    case Combine::kSum:
+      return "sum";
+    case Combine::kFirst:
+      return "first";
+    case Combine::kId:
+      return "id";
+    case Combine::kVariance:
+      return "variance";
   }
   return "mean";
 }
@@ -74,8 +79,8 @@ LayerDesc derived(const LayerDesc& base, std::string_view suffix) {
 
 const std::vector<LayerDesc>& known() {
   static const std::vector<LayerDesc> list{
-      color(),    color_a(),        color_b(),         color_variance(), albedo(), normal(), depth(),  position(), object_id(),
-      uv(),       emission(),       motion_forward(),  motion_backward(), grad_x(), grad_y(), grad_t(), samples(),  time()};
+      color(), color_a(),  color_b(),        color_variance(),  albedo(), normal(), depth(),  position(), object_id(),
+      uv(),    emission(), motion_forward(), motion_backward(), grad_x(), grad_y(), grad_t(), samples(),  time()};
   return list;
 }
 
@@ -92,9 +97,8 @@ std::optional<LayerDesc> find(std::string_view name) {
     const auto dot = rest.find('.');
     if (dot == std::string_view::npos || dot == 0) return std::nullopt;
     const std::string_view class_name = rest.substr(0, dot), layer = rest.substr(dot + 1);
-    const bool valid = std::all_of(class_name.begin(), class_name.end(), [](unsigned char c) {
-      return std::isalnum(c) || c == '_' || c == '-';
-    });
+    const bool valid = std::all_of(class_name.begin(), class_name.end(),
+                                   [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-'; });
     if (!valid) return std::nullopt;
     if (layer == "reflectance") {  // demodulation divisor of a class: product of the colors at its specular vertices
       return LayerDesc{std::string(name), kRgb, units::kReflectance, Combine::kMean};

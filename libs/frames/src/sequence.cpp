@@ -67,7 +67,8 @@ std::vector<int> existing_frames(const std::string& pattern) {
   std::vector<int> frames;
   for_each_entry(directory, [&](const std::string& name) {
     if (name.size() <= prefix.size() + suffix.size() || !name.starts_with(prefix) || !name.ends_with(suffix)) return;
-    const auto n = parse_number(std::string_view(name).substr(prefix.size(), name.size() - prefix.size() - suffix.size()));
+    const auto n =
+        parse_number(std::string_view(name).substr(prefix.size(), name.size() - prefix.size() - suffix.size()));
     if (n && fs::path(frame_path(pattern, *n)).filename() == name) frames.push_back(*n);
   });
   std::sort(frames.begin(), frames.end());
@@ -97,9 +98,8 @@ FrameSequence::FrameSequence(const std::string& pattern) : pattern_(pattern) {
       bool covered = false;
       for (const auto& [p, frames] : found) {
         if (p.size() >= it->first.size()) continue;
-        covered = covered || std::all_of(it->second.begin(), it->second.end(), [&](int n) {
-          return frame_path(p, n) == frame_path(it->first, n);
-        });
+        covered = covered || std::all_of(it->second.begin(), it->second.end(),
+                                         [&](int n) { return frame_path(p, n) == frame_path(it->first, n); });
       }
       it = covered ? found.erase(it) : std::next(it);
     }

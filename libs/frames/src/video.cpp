@@ -60,20 +60,24 @@ std::vector<std::string> encoder_arguments(const std::string& codec, int crf) {
   const std::string quality = std::to_string(crf);
   if (codec == "h264") return {"-c:v", "libx264", "-preset", "medium", "-crf", quality, "-pix_fmt", "yuv420p"};
   if (codec == "hevc") {
-    return {"-c:v", "libx265", "-preset", "medium", "-crf", quality, "-pix_fmt", "yuv420p", "-tag:v", "hvc1",
-            "-x265-params", "log-level=error"};
+    return {"-c:v",     "libx265", "-preset", "medium", "-crf",         quality,
+            "-pix_fmt", "yuv420p", "-tag:v",  "hvc1",   "-x265-params", "log-level=error"};
   }
   if (codec == "vp9") {
-    return {"-c:v", "libvpx-vp9", "-b:v", "0", "-crf", quality, "-row-mt", "1", "-cpu-used", "2", "-pix_fmt", "yuv420p"};
+    return {"-c:v",    "libvpx-vp9", "-b:v",      "0", "-crf",     quality,
+            "-row-mt", "1",          "-cpu-used", "2", "-pix_fmt", "yuv420p"};
   }
-  if (codec == "av1") return {"-c:v", "libaom-av1", "-b:v", "0", "-crf", quality, "-cpu-used", "6", "-row-mt", "1", "-pix_fmt", "yuv420p"};
+  if (codec == "av1")
+    return {"-c:v",      "libaom-av1", "-b:v",    "0", "-crf",     quality,
+            "-cpu-used", "6",          "-row-mt", "1", "-pix_fmt", "yuv420p"};
   return {"-c:v", "ffv1", "-level", "3", "-pix_fmt", "bgr0"};
 }
 
 /// Frames per second for ffmpeg: 23.976 and its like are meant as 24000/1001.
 std::string rate_text(double fps) {
   const double ntsc = std::round(fps * 1.001);
-  if (std::abs(fps - ntsc / 1.001) < 6e-4 && std::abs(fps - std::round(fps)) > 1e-6) return fmt::format("{:.0f}/1001", ntsc * 1000);
+  if (std::abs(fps - ntsc / 1.001) < 6e-4 && std::abs(fps - std::round(fps)) > 1e-6)
+    return fmt::format("{:.0f}/1001", ntsc * 1000);
   return fmt::format("{}", fps);
 }
 
@@ -88,9 +92,11 @@ std::pair<const Container*, std::string> choose(const std::string& path, const s
     for (const char* known : c.codecs) {
       if (codec == known) return {&c, codec};
     }
-    throw Error(ErrorCode::kUsage, fmt::format("codec \"{}\" does not go into {}; known: auto, {}", codec, extension, list_of(c.codecs)));
+    throw Error(ErrorCode::kUsage,
+                fmt::format("codec \"{}\" does not go into {}; known: auto, {}", codec, extension, list_of(c.codecs)));
   }
-  throw Error(ErrorCode::kUsage, fmt::format("cannot make a movie \"{}\"; its name must end in .mp4, .mov, .mkv or .webm", path));
+  throw Error(ErrorCode::kUsage,
+              fmt::format("cannot make a movie \"{}\"; its name must end in .mp4, .mov, .mkv or .webm", path));
 }
 }  // namespace
 
@@ -143,24 +149,32 @@ struct VideoWriter::Impl {
 
 VideoWriter::VideoWriter(const std::string& path, int width, int height, const VideoOptions& options) {
   const auto [container, codec] = choose(path, options.codec);
-  if (width <= 0 || height <= 0) throw Error(ErrorCode::kBadInput, fmt::format("cannot write {}: the pictures are empty", path));
+  if (width <= 0 || height <= 0)
+    throw Error(ErrorCode::kBadInput, fmt::format("cannot write {}: the pictures are empty", path));
   if (!(options.fps > 0) || options.fps > 1000) {
-    throw Error(ErrorCode::kOutOfRange, fmt::format("a movie cannot have {} frames per second; valid: above 0 to 1000", options.fps));
+    throw Error(ErrorCode::kOutOfRange,
+                fmt::format("a movie cannot have {} frames per second; valid: above 0 to 1000", options.fps));
   }
   if (options.crf < 0 || options.crf > 51) {
-    throw Error(ErrorCode::kOutOfRange, fmt::format("quality (crf) {} is out of range; valid: 0 (best) to 51", options.crf));
+    throw Error(ErrorCode::kOutOfRange,
+                fmt::format("quality (crf) {} is out of range; valid: 0 (best) to 51", options.crf));
   }
   impl_ = std::make_unique<Impl>(path, width, height, options);
 
-  std::vector<std::string> arguments{options.ffmpeg, "-hide_banner", "-nostdin", "-loglevel", "error", "-y",
-                                     "-f", "rawvideo", "-pix_fmt", "rgb24", "-video_size",
-                                     fmt::format("{}x{}", width + width % 2, height + height % 2),
-                                     "-framerate", rate_text(options.fps), "-i", "pipe:0", "-an"};
+  std::vector<std::string> arguments{options.ffmpeg, "-hide_banner",
+                                     "-nostdin",     "-loglevel",
+                                     "error",        "-y",
+                                     "-f",           "rawvideo",
+                                     "-pix_fmt",     "rgb24",
+                                     "-video_size",  fmt::format("{}x{}", width + width % 2, height + height % 2),
+                                     "-framerate",   rate_text(options.fps),
+                                     "-i",           "pipe:0",
+                                     "-an"};
   if (codec != "ffv1") {
     // Players assume the BT.709 matrix, ffmpeg's conversion uses BT.601 unless told.
-    arguments.insert(arguments.end(), {"-vf", "scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd",
-                                       "-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1",
-                                       "-color_range", "tv"});
+    arguments.insert(arguments.end(),
+                     {"-vf", "scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd", "-colorspace", "bt709",
+                      "-color_primaries", "bt709", "-color_trc", "iec61966-2-1", "-color_range", "tv"});
   }
   for (std::string& a : encoder_arguments(codec, options.crf)) arguments.push_back(std::move(a));
   if (container->muxer == std::string("mp4") || container->muxer == std::string("mov")) {
@@ -201,8 +215,8 @@ VideoWriter::VideoWriter(const std::string& path, int width, int height, const V
   posix_spawnattr_destroy(&attributes);
   if (spawned != 0) {
     throw Error(ErrorCode::kMissingFile,
-                fmt::format("cannot start {} ({}); movies need the Debian package ffmpeg: apt install ffmpeg", options.ffmpeg,
-                            std::strerror(spawned)));
+                fmt::format("cannot start {} ({}); movies need the Debian package ffmpeg: apt install ffmpeg",
+                            options.ffmpeg, std::strerror(spawned)));
   }
   impl_->child = child;
 }
@@ -215,8 +229,8 @@ void VideoWriter::add(const Image& image) {
   TEMPERA_ASSERT(impl_);
   Impl& v = *impl_;
   if (image.width() != v.width || image.height() != v.height) {
-    throw Error(ErrorCode::kBadInput, fmt::format("cannot write {}: a picture has {}x{} pixels, the first one {}x{}", v.path,
-                                                  image.width(), image.height(), v.width, v.height));
+    throw Error(ErrorCode::kBadInput, fmt::format("cannot write {}: a picture has {}x{} pixels, the first one {}x{}",
+                                                  v.path, image.width(), image.height(), v.width, v.height));
   }
   const std::vector<std::uint8_t> pixels = to_rgb8(image, v.display);
   const std::size_t row = std::size_t(v.width) * 3, padded_row = row + (v.width % 2 ? 3 : 0);
@@ -239,7 +253,8 @@ void VideoWriter::finish() {
   Impl& v = *impl_;
   v.input.reset();  // end of input: ffmpeg completes the file
   const int status = v.wait();
-  // ffmpeg 5 can end with status 0 after a failed write of the last bytes; it says so, and -loglevel error says no more.
+  // ffmpeg 5 can end with status 0 after a failed write of the last bytes; it says so, and -loglevel error says no
+  // more.
   std::string said(1, '\0');
   const bool complained = ::pread(v.errors.get(), said.data(), 1, 0) > 0;
   std::error_code ec;
@@ -289,9 +304,9 @@ int write_video(const FrameSequence& frames, const std::string& path, const Vide
 
 namespace {
 /// Digits and the minus sign as 3x5 dots, one row of three bits after the other.
-constexpr std::array<std::uint16_t, 11> kGlyphs{0b111101101101111, 0b010110010010111, 0b111001111100111, 0b111001111001111,
-                                                0b101101111001001, 0b111100111001111, 0b111100111101111, 0b111001001001001,
-                                                0b111101111101111, 0b111101111001111, 0b000000111000000};
+constexpr std::array<std::uint16_t, 11> kGlyphs{
+    0b111101101101111, 0b010110010010111, 0b111001111100111, 0b111001111001111, 0b101101111001001, 0b111100111001111,
+    0b111100111101111, 0b111001001001001, 0b111101111101111, 0b111101111001111, 0b000000111000000};
 
 void draw_number(Image& image, int x0, int y0, int number, int scale) {
   const std::string text = std::to_string(number);
@@ -313,7 +328,8 @@ void write_contact_sheet(const FrameSequence& frames, const std::string& path, c
   const auto& all = frames.frames();
   if (all.empty()) throw Error(ErrorCode::kMissingFile, fmt::format("no frames for {}", path));
   const int n = std::min(int(all.size()), std::max(1, options.max_frames));
-  for (int i = 0; i < n; ++i) chosen.push_back(all[n == 1 ? 0 : std::size_t(i) * (all.size() - 1) / std::size_t(n - 1)]);
+  for (int i = 0; i < n; ++i)
+    chosen.push_back(all[n == 1 ? 0 : std::size_t(i) * (all.size() - 1) / std::size_t(n - 1)]);
 
   ReadOptions read;
   read.layers = {options.layer};

@@ -19,7 +19,8 @@ std::vector<std::string> file_names(const std::vector<LayerDesc>& layers, AovNam
 using Names = std::vector<std::string>;
 
 TEST(AovNames, Blender) {
-  const std::vector<LayerDesc> layers{layers::color(), layers::depth(), layers::albedo(), layers::normal(), layers::crypto(0)};
+  const std::vector<LayerDesc> layers{layers::color(), layers::depth(), layers::albedo(), layers::normal(),
+                                      layers::crypto(0)};
   EXPECT_EQ(file_names(layers, AovNames::kBlender),
             (Names{"ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B", "ViewLayer.Combined.A",
                    "ViewLayer.Depth.Z", "ViewLayer.Denoising Albedo.R", "ViewLayer.Denoising Albedo.G",
@@ -38,30 +39,35 @@ TEST(AovNames, Blender) {
 
 TEST(AovNames, Arnold) {
   EXPECT_EQ(file_names({layers::color(), layers::color_variance(), layers::albedo(), layers::normal(), layers::depth(),
-                        layers::crypto(1), layers::samples()}, AovNames::kArnold),
+                        layers::crypto(1), layers::samples()},
+                       AovNames::kArnold),
             (Names{"R", "G", "B", "A", "variance.R", "variance.G", "variance.B", "denoise_albedo.R", "denoise_albedo.G",
                    "denoise_albedo.B", "N.X", "N.Y", "N.Z", "Z", "crypto_object01.R", "crypto_object01.G",
                    "crypto_object01.B", "crypto_object01.A", "samples.N"}));
 }
 
 TEST(AovNames, Renderman) {
-  EXPECT_EQ(file_names({layers::color(), layers::color_variance(), layers::albedo(), layers::depth(), layers::motion_backward()},
+  EXPECT_EQ(file_names({layers::color(), layers::color_variance(), layers::albedo(), layers::depth(),
+                        layers::motion_backward()},
                        AovNames::kRenderman),
             (Names{"R", "G", "B", "A", "mse.r", "mse.g", "mse.b", "albedo.r", "albedo.g", "albedo.b", "z", "backward.x",
                    "backward.y"}));
 }
 
 TEST(AovNames, Pbrt) {
-  EXPECT_EQ(file_names({layers::color(), layers::color_variance(), layers::albedo(), layers::normal(), layers::position(), layers::uv()},
+  EXPECT_EQ(file_names({layers::color(), layers::color_variance(), layers::albedo(), layers::normal(),
+                        layers::position(), layers::uv()},
                        AovNames::kPbrt),
-            (Names{"R", "G", "B", "A", "Variance.R", "Variance.G", "Variance.B", "Albedo.R", "Albedo.G", "Albedo.B", "Ns.X",
-                   "Ns.Y", "Ns.Z", "P.X", "P.Y", "P.Z", "u", "v"}));
+            (Names{"R", "G", "B", "A", "Variance.R", "Variance.G", "Variance.B", "Albedo.R", "Albedo.G", "Albedo.B",
+                   "Ns.X", "Ns.Y", "Ns.Z", "P.X", "P.Y", "P.Z", "u", "v"}));
 }
 
 TEST(AovNames, DescriptionForTheLog) {
   EXPECT_EQ(describe_aov_names({layers::color(), layers::normal(), layers::depth()}, AovNames::kBlender),
-            "color -> ViewLayer.Combined.{R,G,B,A}\nnormal -> ViewLayer.Denoising Normal.{X,Y,Z}\ndepth -> ViewLayer.Depth.Z\n");
-  EXPECT_EQ(describe_aov_names({layers::color(), layers::normal()}, AovNames::kArnold), "color -> {R,G,B,A}\nnormal -> N.{X,Y,Z}\n");
+            "color -> ViewLayer.Combined.{R,G,B,A}\nnormal -> ViewLayer.Denoising Normal.{X,Y,Z}\ndepth -> "
+            "ViewLayer.Depth.Z\n");
+  EXPECT_EQ(describe_aov_names({layers::color(), layers::normal()}, AovNames::kArnold),
+            "color -> {R,G,B,A}\nnormal -> N.{X,Y,Z}\n");
 }
 
 class AovFile : public test::TestFolder {};
@@ -78,7 +84,8 @@ TEST_F(AovFile, EveryPresetReadsBackAsOurLayers) {
   CryptomatteBuffer crypto(3, 2);
   crypto.add(1, 1, cryptomatte_id("cube"));
   crypto.write(f, {"cube"});
-  for (const AovNames names : {AovNames::kTempera, AovNames::kBlender, AovNames::kArnold, AovNames::kRenderman, AovNames::kPbrt}) {
+  for (const AovNames names :
+       {AovNames::kTempera, AovNames::kBlender, AovNames::kArnold, AovNames::kRenderman, AovNames::kPbrt}) {
     write_frame(path("f.exr"), f, {.names = names});
     const Frame g = read_frame(path("f.exr"));
     EXPECT_EQ(g.layers().size(), f.layers().size()) << int(names);
@@ -120,10 +127,10 @@ void write_channels(const std::string& path, Names names) {
 }
 
 TEST_F(AovFile, BlenderVectorsBecomeMotion) {
-  write_channels(path("f.exr"), {"View Layer.Combined.R", "View Layer.Combined.G", "View Layer.Combined.B",
-                                 "View Layer.Combined.A", "View Layer.Depth.V", "View Layer.Vector.X", "View Layer.Vector.Y",
-                                 "View Layer.Vector.Z", "View Layer.Vector.W", "View Layer.Mist.Z", "View Layer.UV.U",
-                                 "View Layer.UV.V", "View Layer.UV.A"});
+  write_channels(path("f.exr"),
+                 {"View Layer.Combined.R", "View Layer.Combined.G", "View Layer.Combined.B", "View Layer.Combined.A",
+                  "View Layer.Depth.V", "View Layer.Vector.X", "View Layer.Vector.Y", "View Layer.Vector.Z",
+                  "View Layer.Vector.W", "View Layer.Mist.Z", "View Layer.UV.U", "View Layer.UV.V", "View Layer.UV.A"});
   const Frame f = read_frame(path("f.exr"));
   EXPECT_EQ(f.desc("color"), layers::color());
   EXPECT_EQ(f.layer("color").at(1, 0, 3), 14);
@@ -132,6 +139,7 @@ TEST_F(AovFile, BlenderVectorsBecomeMotion) {
   EXPECT_EQ(f.layer("motion.backward").vec2(0, 0), (Vec2f{6, -7}));
   EXPECT_EQ(f.layer("motion.forward").vec2(0, 0), (Vec2f{-8, 9}));
   EXPECT_EQ(f.desc("uv"), layers::uv());
+  EXPECT_EQ(f.layer("uv").vec2(0, 0), (Vec2f{11, 12})) << "alpha stands first in the alphabet";
   EXPECT_TRUE(f.has("View Layer.Mist"));
   EXPECT_FALSE(f.has("View Layer.Vector"));
 }
@@ -141,7 +149,8 @@ TEST_F(AovFile, AmbiguousNamesStay) {
                                  "B.Combined.B", "B.Depth.Z"});
   const Frame f = read_frame(path("f.exr"));
   EXPECT_EQ(f.layer_names(), (Names{"color", "B.Combined", "depth"}));
-  write_channels(path("g.exr"), {"R", "G", "B", "A.Combined.R", "A.Combined.G", "A.Combined.B", "depth.Z", "A.Depth.Z"});
+  write_channels(path("g.exr"),
+                 {"R", "G", "B", "A.Combined.R", "A.Combined.G", "A.Combined.B", "depth.Z", "A.Depth.Z"});
   const Frame g = read_frame(path("g.exr"));
   EXPECT_EQ(g.layer("color").at(0, 0), 1) << "the plain channels are the picture";
   EXPECT_TRUE(g.has("A.Combined"));
@@ -157,15 +166,20 @@ TEST_F(AovFile, FilesOfOtherRenderers) {
   EXPECT_EQ(m.desc("nn").channels, (Names{"X", "Y", "Z"}));
   EXPECT_EQ(m.desc("dd").channels, (Names{"T"}));
 
-  write_channels(path("pbrt.exr"), {"R", "G", "B", "Albedo.R", "Albedo.G", "Albedo.B", "N.X", "N.Y", "N.Z", "Ns.X", "Ns.Y",
-                                    "Ns.Z", "P.X", "P.Y", "P.Z", "u", "v", "dzdx", "dzdy"});
+  write_channels(path("gray.exr"), {"Y", "A"});
+  EXPECT_EQ(read_frame(path("gray.exr")).desc("color").channels, (Names{"Y", "A"}));
+  EXPECT_EQ(read_frame(path("gray.exr")).layer("color").rgb(0, 0), Rgb(1.0f));
+
+  write_channels(path("pbrt.exr"), {"R", "G", "B", "Albedo.R", "Albedo.G", "Albedo.B", "N.X", "N.Y", "N.Z", "Ns.X",
+                                    "Ns.Y", "Ns.Z", "P.X", "P.Y", "P.Z", "u", "v", "dzdx", "dzdy"});
   const Frame p = read_frame(path("pbrt.exr"));
-  for (const char* name : {"color", "albedo", "normal", "position", "uv", "N", "dzdx", "dzdy"}) EXPECT_TRUE(p.has(name)) << name;
+  for (const char* name : {"color", "albedo", "normal", "position", "uv", "N", "dzdx", "dzdy"})
+    EXPECT_TRUE(p.has(name)) << name;
   EXPECT_EQ(p.desc("normal"), layers::normal());
 
-  write_channels(path("arnold.exr"), {"R", "G", "B", "A", "N.X", "N.Y", "N.Z", "Z", "diffuse_albedo.R", "diffuse_albedo.G",
-                                      "diffuse_albedo.B", "crypto_object00.R", "crypto_object00.G", "crypto_object00.B",
-                                      "crypto_object00.A"});
+  write_channels(path("arnold.exr"), {"R", "G", "B", "A", "N.X", "N.Y", "N.Z", "Z", "diffuse_albedo.R",
+                                      "diffuse_albedo.G", "diffuse_albedo.B", "crypto_object00.R", "crypto_object00.G",
+                                      "crypto_object00.B", "crypto_object00.A"});
   const Frame a = read_frame(path("arnold.exr"));
   EXPECT_EQ(a.layer_names().size(), 5u);
   for (const char* name : {"color", "normal", "depth", "albedo", "CryptoObject00"}) EXPECT_TRUE(a.has(name)) << name;

@@ -29,7 +29,9 @@ TEST(CryptomatteId, ValuesOfTheReferenceImplementation) {  // unit tests of Psyo
   EXPECT_EQ(cryptomatte_id("sphere"), 2.79018604383e+15f);
   EXPECT_EQ(cryptomatte_id("plane"), 3.66557617593e-11f);
   EXPECT_EQ(cryptomatte_id("\xd1\x80\xd0\xb0\xd0\xb2\xd0\xbd\xd0\xb8\xd0\xbd\xd0\xb0"), -1.3192631212399999468e-25f);
-  EXPECT_EQ(cryptomatte_id("m\xc3\xa4" "dchen"), 6.2361298211599995797e+25f);
+  EXPECT_EQ(cryptomatte_id("m\xc3\xa4"
+                           "dchen"),
+            6.2361298211599995797e+25f);
 }
 
 TEST(CryptomatteId, IsAlwaysANormalFloat) {
@@ -102,7 +104,10 @@ TEST_F(Cryptomatte, MergeEqualsOnePass) {
 
 TEST_F(Cryptomatte, FilesCarryTheManifest) {
   CryptomatteBuffer buffer(1, 1);
-  const std::vector<std::string> names{"m\xc3\xa4" "dchen", "say \"hi\"\\", "cube", "not utf-8 \xff"};
+  const std::vector<std::string> names{
+      "m\xc3\xa4"
+      "dchen",
+      "say \"hi\"\\", "cube", "not utf-8 \xff"};
   for (const std::string& n : names) buffer.add(0, 0, cryptomatte_id(n));
   Frame f(1, 1);
   buffer.write(f, names);

@@ -23,7 +23,8 @@ using test::same_bits;
 
 /// Values of every kind that a float can be, NaN payloads included.
 void fill(Image& image, std::uint64_t key) {
-  const float special[] = {0.0f, -0.0f, kInfinity, -kInfinity, std::nanf("1"), 1e-42f, 65504.0f, 1e30f, -1.5f, 1 / 3.0f};
+  const float special[] = {0.0f,   -0.0f,    kInfinity, -kInfinity, std::nanf("1"),
+                           1e-42f, 65504.0f, 1e30f,     -1.5f,      1 / 3.0f};
   std::uint64_t i = 0;
   for (float& v : image.values()) {
     const std::uint64_t h = hash_key(key, i++);
@@ -40,8 +41,8 @@ Frame frame_of(std::vector<LayerDesc> descs, int width = 37, int height = 150) {
 
 std::vector<LayerDesc> every_layer() {
   std::vector<LayerDesc> all = layers::known();
-  for (const char* name : {"class.dd.color", "class.dd.motion.forward", "offset.color", "offset.grad.x", "CryptoObject00",
-                           "CryptoObject01"}) {
+  for (const char* name : {"class.dd.color", "class.dd.motion.forward", "offset.color", "offset.grad.x",
+                           "CryptoObject00", "CryptoObject01"}) {
     all.push_back(*layers::find(name));
   }
   all.push_back(layers::derived(layers::color(), "denoised"));
@@ -87,7 +88,8 @@ TEST_F(FrameFile, EveryLayerComesBackBitByBit) {
   f.metadata["tempera/note"] = "text with \"quotes\",\nlines and äöü";
   f.metadata["tempera/number"] = 0.1;
   f.metadata["tempera/integer"] = -7;
-  for (const Compression c : {Compression::kNone, Compression::kRle, Compression::kZips, Compression::kZip, Compression::kPiz}) {
+  for (const Compression c :
+       {Compression::kNone, Compression::kRle, Compression::kZips, Compression::kZip, Compression::kPiz}) {
     write_frame(path("f.exr"), f, {.compression = c});
     expect_same(f, read_frame(path("f.exr")));
   }
@@ -160,8 +162,9 @@ TEST_F(FrameFile, HeaderAndChosenLayers) {
 }
 
 TEST_F(FrameFile, RenderInfoComesBack) {
-  RenderInfo info{"0.1.0", "tempera render x", "x.toml", "abc", "path", "depth=5", 64, 0xfedcba9876543210u, 1001, 23.976,
-                  -0.25, 0.25, 12.5};
+  RenderInfo info{"0.1.0", "tempera render x",  "x.toml", "abc",  "path", "depth=5",
+                  64,      0xfedcba9876543210u, 1001,     23.976, -0.25,  0.25,
+                  12.5};
   Frame f = frame_of({layers::color()});
   set_render_info(f.metadata, info);
   write_frame(path("f.exr"), f);
@@ -173,9 +176,10 @@ TEST_F(FrameFile, RenderInfoComesBack) {
   RenderInfo again = info;
   again.command = "tempera render x --resume", again.render_seconds = 99, again.scene = "./x.toml";
   EXPECT_TRUE(again.same_render(info));
-  for (auto change : {+[](RenderInfo& r) { r.spp = 32; }, +[](RenderInfo& r) { r.seed += 1; }, +[](RenderInfo& r) { r.frame = 1; },
-                      +[](RenderInfo& r) { r.scene_hash = "abd"; }, +[](RenderInfo& r) { r.parameters = "depth=6"; },
-                      +[](RenderInfo& r) { r.version = "0.1.1"; }, +[](RenderInfo& r) { r.shutter_close = 0.5; }}) {
+  for (auto change :
+       {+[](RenderInfo& r) { r.spp = 32; }, +[](RenderInfo& r) { r.seed += 1; }, +[](RenderInfo& r) { r.frame = 1; },
+        +[](RenderInfo& r) { r.scene_hash = "abd"; }, +[](RenderInfo& r) { r.parameters = "depth=6"; },
+        +[](RenderInfo& r) { r.version = "0.1.1"; }, +[](RenderInfo& r) { r.shutter_close = 0.5; }}) {
     RenderInfo other = info;
     change(other);
     EXPECT_FALSE(other.same_render(info));
@@ -187,7 +191,8 @@ TEST_F(FrameFile, RenderInfoComesBack) {
   EXPECT_FALSE(render_info(partial));
 }
 
-// --- Files of other programs, made with OpenImageIO --------------------------------------------------------------------
+// --- Files of other programs, made with OpenImageIO
+// --------------------------------------------------------------------
 
 void write_exr(const std::string& path, OIIO::ImageSpec spec, std::vector<std::string> names, const void* data,
                OIIO::TypeDesc format = OIIO::TypeDesc::FLOAT) {
@@ -215,7 +220,8 @@ TEST_F(FrameFile, ReadsPlainHalfFilesAndTiles) {
 
 TEST_F(FrameFile, IntegerChannelsStayIntegers) {
   std::vector<std::uint32_t> ids{0, 1, 77, 16777216};
-  write_exr(path("f.exr"), OIIO::ImageSpec(2, 2, 1, OIIO::TypeDesc::UINT32), {"object_id.I"}, ids.data(), OIIO::TypeDesc::UINT32);
+  write_exr(path("f.exr"), OIIO::ImageSpec(2, 2, 1, OIIO::TypeDesc::UINT32), {"object_id.I"}, ids.data(),
+            OIIO::TypeDesc::UINT32);
   const Frame f = read_frame(path("f.exr"));
   EXPECT_EQ(f.desc("object_id"), layers::object_id());
   for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(f.layer("object_id").values()[i], float(ids[i]));
@@ -233,7 +239,8 @@ TEST_F(FrameFile, DataWindowIsPlacedInTheDisplayWindow) {
   EXPECT_EQ(f.height(), 5);
   const Image& image = f.layer("color");
   for (int y = 0; y < 5; ++y) {
-    for (int x = 0; x < 6; ++x) EXPECT_EQ(image.at(x, y), x >= 2 && y < 2 ? float((y + 1) * 4 + x - 1) : 0) << x << "," << y;
+    for (int x = 0; x < 6; ++x)
+      EXPECT_EQ(image.at(x, y), x >= 2 && y < 2 ? float((y + 1) * 4 + x - 1) : 0) << x << "," << y;
   }
 }
 
@@ -272,7 +279,8 @@ TEST_F(FrameFile, PicturesAreDecodedFromSrgb) {
   for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(image.values()[i], expected[i], 1e-6f);
 }
 
-// --- Damage and failure ------------------------------------------------------------------------------------------------
+// --- Damage and failure
+// ------------------------------------------------------------------------------------------------
 
 TEST_F(FrameFile, DamagedFilesAreErrors) {
   EXPECT_EQ(error_of([&] { read_frame(path("none.exr")); }).code(), ErrorCode::kMissingFile);
@@ -326,10 +334,10 @@ TEST_F(FrameFile, FailedWritesKeepWhatWasThere) {
   const std::string before = read_file(path("f.exr"));
 
   // A limit on the size of files stands for a full disk: write fails in the middle.
-  struct rlimit saved{};
+  struct rlimit saved {};
   ::getrlimit(RLIMIT_FSIZE, &saved);
   const auto old_handler = ::signal(SIGXFSZ, SIG_IGN);
-  const struct rlimit tiny{100000, saved.rlim_max};
+  const struct rlimit tiny { 100000, saved.rlim_max };
   ::setrlimit(RLIMIT_FSIZE, &tiny);
   const Error full = error_of([&] { write_frame(path("f.exr"), big); });
   ::setrlimit(RLIMIT_FSIZE, &saved);
@@ -400,7 +408,8 @@ TEST(ParseOptions, KnowTheirNames) {
   EXPECT_EQ(error_of([] { parse_aov_names("nuke"); }).code(), ErrorCode::kUnknownName);
 }
 
-// --- Sequences ---------------------------------------------------------------------------------------------------------
+// --- Sequences
+// ---------------------------------------------------------------------------------------------------------
 
 class Sequence : public test::TestFolder {
  protected:

@@ -19,8 +19,6 @@
 namespace tempera {
 namespace {
 
-constexpr double kHalfTurn[4] = {0, 1, 0, 0};  // quaternion x y z w: 180 degrees about y
-
 float first_number(const float* v) { return v[0]; }
 Rgb three_numbers(const float* v) { return {v[0], v[1], v[2]}; }
 
@@ -41,13 +39,23 @@ Affine3d compose(const Vec3d& t, const Quatd& r, const Vec3d& s) {
 Animated<float> visible_in_both(const Animated<float>& a, const Animated<float>& b) {
   if (a.is_constant() && a.at(0) >= 0.5f) return b;
   if (b.is_constant() && b.at(0) >= 0.5f) return a;
-  std::vector<double> times{0};
-  for (const auto* x : {&a, &b}) times.insert(times.end(), x->times().begin(), x->times().end());
+  std::vector<double> times = a.times();
+  times.insert(times.end(), b.times().begin(), b.times().end());
+  if (times.empty()) times.push_back(0);
   std::sort(times.begin(), times.end());
   times.erase(std::unique(times.begin(), times.end()), times.end());
   std::vector<float> values;
   for (const double t : times) values.push_back(a.at(t) >= 0.5f && b.at(t) >= 0.5f ? 1.0f : 0.0f);
   return {std::move(times), std::move(values), Interpolation::kStep};
+}
+
+std::uint64_t byte_size(const Mesh& mesh) {
+  const auto bytes = [](const auto& v) { return std::uint64_t(v.size() * sizeof(v[0])); };
+  std::uint64_t sum = bytes(mesh.positions) + bytes(mesh.normals) + bytes(mesh.uvs) + bytes(mesh.uvs1) + bytes(mesh.tangents) +
+                      bytes(mesh.tangent_signs) + bytes(mesh.indices) + bytes(mesh.colors) + bytes(mesh.color_alphas) +
+                      bytes(mesh.skin.indices) + bytes(mesh.skin.weights);
+  for (const MorphTarget& t : mesh.morph_targets) sum += bytes(t.positions) + bytes(t.normals) + bytes(t.tangents);
+  return sum;
 }
 
 class GltfImporter {
@@ -83,10 +91,10 @@ class GltfImporter {
   int skinned_node(int node);
   void add_instances(const Use& use, int group);
   void add_gpu_instances(const Json& extension, const Instance& instance);
-  void add_camera(const Json& json, int camera);
-  void add_light(const Json& json, int light);
+  void add_camera(int node, int camera);
+  void add_light(int node, int index);
   int add_node(Node node);
-  int add_turned_child(int parent, const std::string& name, bool without_scale);
+  int add_turned_child(int parent, const std::string& name);
   Affine3d world(int node, double t) const;
   Json node_json(int node) const { return document_.list("nodes").at(std::size_t(node)); }
 
@@ -109,11 +117,11 @@ Scene GltfImporter::load() {
   const Json skins = document_.list("skins");
   for (std::size_t i = 0; i < skins.size(); ++i) bind_skin({}, int(i), 0, skins.at(i));  // also those that nothing uses
   build_meshes(nodes);
+  const std::size_t lights = document_.root()["extensions"].object()["KHR_lights_punctual"].object()["lights"].array().size();
   for (const int node : nodes) {
     const Json json = node_json(node);
-    if (const Json camera = json["camera"]) add_camera(json, camera.index(document_.count("cameras"), "cameras"));
-    const Json light = json["extensions"].object()["KHR_lights_punctual"].object()["light"];
-    if (light) add_light(json, light.index(document_.root()["extensions"]["KHR_lights_punctual"].object()["lights"].array().size(), "lights"));
+    if (const Json camera = json["camera"]) add_camera(node, camera.index(document_.count("cameras"), "cameras"));
+    if (const Json light = json["extensions"].object()["KHR_lights_punctual"].object()["light"]) add_light(node, light.index(lights, "lights"));
   }
   if (scene_.instances.empty()) document_.warn("the scene shows no geometry", document_.root());
   animations_.warn_unused();
@@ -233,6 +241,7 @@ std::vector<int> GltfImporter::reachable_nodes() const {
 
 void GltfImporter::build_meshes(const std::vector<int>& nodes) {
   std::vector<Use> uses;
+  constexpr int kNotBuilt = -1, kDrawsNothing = -2;
   std::map<GroupKey, int> groups;
   std::vector<int> keys_of_mesh(meshes_.size(), 0);
   for (const int node : nodes) {
@@ -246,16 +255,17 @@ void GltfImporter::build_meshes(const std::vector<int>& nodes) {
     const GltfMesh& m = meshes_[std::size_t(mesh)];
     const bool own_weights = m.targets > 0 && (json["weights"] || animations_.find(fmt::format("/nodes/{}/weights", node), m.targets));
     const Use use{node, {mesh, skin, own_weights ? node : -1}};
-    if (groups.emplace(use.key, -1).second) ++keys_of_mesh[std::size_t(mesh)];
+    if (groups.emplace(use.key, kNotBuilt).second) ++keys_of_mesh[std::size_t(mesh)];
     uses.push_back(use);
   }
   for (const Use& use : uses) {
     int& group = groups[use.key];
-    if (group < 0) {
-      group = int(scene_.groups.size());
-      scene_.groups.push_back(build_group(use.key, --keys_of_mesh[std::size_t(use.key.mesh)] == 0));
+    if (group == kNotBuilt) {
+      std::vector<int> shapes = build_group(use.key, --keys_of_mesh[std::size_t(use.key.mesh)] == 0);
+      group = shapes.empty() ? kDrawsNothing : int(scene_.groups.size());
+      if (!shapes.empty()) scene_.groups.push_back(std::move(shapes));
     }
-    if (!scene_.groups[std::size_t(group)].empty()) add_instances(use, group);
+    if (group >= 0) add_instances(use, group);
   }
 }
 
@@ -271,8 +281,9 @@ std::vector<int> GltfImporter::build_group(const GroupKey& key, bool last_use) {
       std::vector<double> own(source.targets);
       if (node_json(key.weights_node)["weights"].numbers(own.data(), own.size())) weights.assign(own.begin(), own.end());
       track = animations_.find(fmt::format("/nodes/{}/weights", key.weights_node), source.targets);
+    } else {
+      track = animations_.find(fmt::format("/meshes/{}/weights", key.mesh), source.targets);
     }
-    if (!track) track = animations_.find(fmt::format("/meshes/{}/weights", key.mesh), source.targets);
   }
 
   std::vector<int> shapes;
@@ -285,8 +296,7 @@ std::vector<int> GltfImporter::build_group(const GroupKey& key, bool last_use) {
       skin = bind_skin(last_use ? std::move(primitive.mesh.skin) : primitive.mesh.skin, key.skin, primitive.max_joint, primitive.json);
     }
     if (primitive.mesh.indices.empty()) continue;  // points, lines
-    primitive.mesh.skin = {};
-    if (!last_use) files_.charge(primitive.mesh.positions.size() * sizeof(Vec3f), primitive.json.loc());
+    if (!last_use) files_.charge(byte_size(primitive.mesh), primitive.json.loc());
     Shape shape;
     const GltfMaterial& material = materials_.get(primitive.material, primitive.has_colors);
     Mesh mesh = last_use ? std::move(primitive.mesh) : primitive.mesh;
@@ -408,37 +418,130 @@ Affine3d GltfImporter::world(int node, double t) const {
   return m;
 }
 
-/// A child of `parent` that looks along the parent's -z. glTF ignores the scale of a camera's node: `without_scale` undoes
-/// the one at time 0.
-int GltfImporter::add_turned_child(int parent, const std::string& name, bool without_scale) {
-  Affine3d undo;
-  if (without_scale) {
-    Affine3d m = world(parent, 0);
-    m.translation = {};
-    const Vec3d z = normalize(m.z), x = normalize(cross(m.y, z));
-    const Affine3d straight{x, cross(z, x), z};
-    const Affine3d scale_only = inverse(m) * straight;
-    const Vec3d columns[] = {scale_only.x - Vec3d{1, 0, 0}, scale_only.y - Vec3d{0, 1, 0}, scale_only.z - Vec3d{0, 0, 1}};
-    double change = 0;
-    for (const Vec3d& c : columns) change = std::max(change, length(c));
-    if (!std::isfinite(change)) node_json(0).fail("a camera's world transform is singular");
-    if (change > 1e-5) undo = scale_only;
-  }
+/// A child of `parent` that looks along the parent's -z. glTF ignores the scale of the nodes of cameras and lights: this
+/// undoes the one at time 0. Returns -1 if the parent's transform is singular then.
+int GltfImporter::add_turned_child(int parent, const std::string& name) {
+  Affine3d m = world(parent, 0);
+  m.translation = {};
+  const Vec3d z = normalize(m.z), x = normalize(cross(m.y, z));
+  const Affine3d unscale = inverse(m) * Affine3d{x, cross(z, x), z};
+  const double change = length(unscale.x - Vec3d{1, 0, 0}) + length(unscale.y - Vec3d{0, 1, 0}) + length(unscale.z - Vec3d{0, 0, 1});
+  if (!std::isfinite(change)) return -1;
   Node node;
   node.parent = parent;
   node.name = name;
-  node.local = undo * rotation(unit_quaternion(kHalfTurn));
+  node.local = Affine3d{{-1, 0, 0}, {0, 1, 0}, {0, 0, -1}};
+  if (change > 1e-5) node.local = unscale * node.local.matrix;
   return add_node(std::move(node));
 }
 
-void GltfImporter::add_camera(const Json& json, int camera) {
-  const Json c = document_.list("cameras").at(std::size_t(camera)).object();
+void GltfImporter::add_camera(int node, int camera) {
+  const Json json = document_.list("cameras").at(std::size_t(camera)).object();
   const std::string pointer = fmt::format("/cameras/{}", camera);
-  const int node = scene_node_[std::size_t(json.at_index())];
-  (void)c, (void)pointer, (void)node;
+  Camera c;
+  const Node& parent = scene_.nodes[std::size_t(scene_node_[std::size_t(node)])];
+  c.name = json["name"].string();
+  const auto taken = [&](const Camera& other) { return other.name == c.name; };
+  if (c.name.empty() || std::any_of(scene_.cameras.begin(), scene_.cameras.end(), taken)) c.name = parent.name;
+  if (c.name.empty() || std::any_of(scene_.cameras.begin(), scene_.cameras.end(), taken)) c.name = fmt::format("camera{}", scene_.cameras.size());
+  c.node = add_turned_child(scene_node_[std::size_t(node)], c.name);
+  if (c.node < 0) node_json(node).fail("the world transform of a camera is singular");
+  c.keep_vertical_fov = true;
+
+  const Json type = json["type"].required();
+  const auto positive = [](const Json& value, double max) {
+    const double v = value.required().number(0);
+    if (!(v > 0 && v < max)) value.fail(ErrorCode::kOutOfRange, fmt::format("{} is outside (0, {})", v, max));
+    return v;
+  };
+  if (type.string() == "perspective") {
+    const Json p = json["perspective"].required().object();
+    const double yfov = positive(p["yfov"], kPiD);
+    if (const Json aspect = p["aspectRatio"]) c.authored_aspect = float(positive(aspect, 1e6));
+    const auto fov_x = [aspect = double(c.authored_aspect)](double y) {
+      return float(2 * std::atan(aspect * std::tan(std::clamp(y, 1e-4, kPiD - 1e-4) / 2)));
+    };
+    const Track* track = animations_.find(pointer + "/perspective/yfov", 1);
+    c.fov_x = track ? map_resampled(*track, fov_x) : Animated<float>(fov_x(yfov));
+    c.near_clip = float(positive(p["znear"], 1e30));
+    if (const Json far = p["zfar"]) c.far_clip = float(positive(far, 1e30));
+    if (!(c.far_clip > c.near_clip)) p["zfar"].fail(ErrorCode::kOutOfRange, "zfar is not beyond znear");
+  } else if (type.string() == "orthographic") {
+    const Json o = json["orthographic"].required().object();
+    const auto half = [&](const char* name) {
+      const double v = std::abs(o[name].required().number(0));
+      if (!(v > 0 && v < 1e30)) o[name].fail(ErrorCode::kOutOfRange, "a magnification is not zero");
+      return v;
+    };
+    const double xmag = half("xmag"), ymag = half("ymag");
+    const Track* track = animations_.find(pointer + "/orthographic/xmag", 1);
+    c.projection = Projection::kOrthographic;
+    c.width = track ? map_linear<float>(*track, [](const float* v) { return 2 * v[0]; }) : Animated<float>(float(2 * xmag));
+    c.authored_aspect = float(xmag / ymag);
+    c.near_clip = float(o["znear"].required().number(0, 0, 1e30));
+    c.far_clip = float(positive(o["zfar"], 1e30));
+    if (!(c.far_clip > c.near_clip)) o["zfar"].fail(ErrorCode::kOutOfRange, "zfar is not beyond znear");
+  } else {
+    type.fail(fmt::format("\"{}\" is no camera type; valid: perspective, orthographic", type.string()));
+  }
+  scene_.cameras.push_back(std::move(c));
 }
 
-void GltfImporter::add_light(const Json&, int) {}
+void GltfImporter::add_light(int node, int index) {
+  const Json json = document_.root()["extensions"]["KHR_lights_punctual"]["lights"].at(std::size_t(index)).object();
+  const std::string pointer = fmt::format("/extensions/KHR_lights_punctual/lights/{}", index);
+  PunctualLight light;
+  const Json type = json["type"].required();
+  if (type.string() == "point") light.type = LightType::kPoint;
+  else if (type.string() == "spot") light.type = LightType::kSpot;
+  else if (type.string() == "directional") light.type = LightType::kDirectional;
+  else type.fail(fmt::format("\"{}\" is no light type; valid: point, spot, directional", type.string()));
+  light.name = json["name"].string();
+  if (light.name.empty()) light.name = scene_.nodes[std::size_t(scene_node_[std::size_t(node)])].name;
+  light.node = add_turned_child(scene_node_[std::size_t(node)], light.name);
+  if (light.node < 0) return document_.warn("lights at nodes with a singular transform are ignored", node_json(node));
+
+  // See the header: Watts as Blender means them.
+  const int blender = document_.blender_version();
+  const bool directional = light.type == LightType::kDirectional;
+  const float unit = blender == 0 ? 1.0f : blender >= 304 ? 1.0f / 683 : directional ? 1.0f : 1.0f / (4 * kPi);
+  const Json intensity = json["intensity"];
+  const double value = intensity.number(1);
+  if (!(value >= 0 && value < 1e30)) intensity.fail(ErrorCode::kOutOfRange, fmt::format("{} is outside [0, 1e30)", value));
+  const Track* track = animations_.find(pointer + "/intensity", 1);
+  light.intensity_scale = track ? map_linear<float>(*track, [&](const float* v) { return v[0] * unit; }) : Animated<float>(float(value) * unit);
+  double color[3] = {1, 1, 1};
+  json["color"].numbers(color, 3);
+  for (const double c : color)
+    if (!(c >= 0 && c < 1e30)) json["color"].fail(ErrorCode::kOutOfRange, fmt::format("{} is outside [0, 1]", c));
+  track = animations_.find(pointer + "/color", 3);
+  light.intensity = track ? map_linear<Rgb>(*track, three_numbers) : Animated<Rgb>(Rgb(float(color[0]), float(color[1]), float(color[2])));
+
+  if (light.type == LightType::kSpot) {
+    const Json spot = json["spot"].required().object();
+    light.smooth_falloff = true;
+    const double outer = spot["outerConeAngle"].number(kPiD / 4, 0, kPiD / 2 + 1e-6), inner = spot["innerConeAngle"].number(0, 0, kPiD / 2);
+    if (!(inner < outer)) spot.fail(ErrorCode::kOutOfRange, fmt::format("innerConeAngle {} is not below outerConeAngle {}", inner, outer));
+    const Track* moving_outer = animations_.find(pointer + "/spot/outerConeAngle", 1);
+    const Track* moving_inner = animations_.find(pointer + "/spot/innerConeAngle", 1);
+    light.cutoff_angle = moving_outer ? map_linear<float>(*moving_outer, first_number) : Animated<float>(float(outer));
+    light.beam_width = moving_inner ? map_linear<float>(*moving_inner, first_number) : Animated<float>(float(inner));
+  }
+  scene_.lights.push_back(std::move(light));
+}
+
+constexpr std::string_view kExtensions[] = {".glb", ".gltf"};
 
 }  // namespace
+
+Scene import_gltf(const std::filesystem::path& file, const ImportOptions& options, Warnings& warnings) {
+  try {
+    return GltfImporter(file, options, warnings).load();
+  } catch (const std::bad_alloc&) {
+    throw Error(ErrorCode::kOutOfMemory, {file.string()}, "not enough memory for the scene");
+  }
+}
+
+extern const ImporterEntry gltf_importer{"gltf", "glTF 2.0, text or binary, with animation", kExtensions, import_gltf};
+
 }  // namespace tempera

@@ -86,6 +86,7 @@ Track GltfAnimations::read_track(const Json& channel, const Json& samplers, cons
 
   const Accessor& input = document_.accessor(sampler["input"].required(), "SCALAR");
   if (!input.is_float()) sampler["input"].fail("key times are not floats");
+  if (!input.json["min"] || !input.json["max"]) document_.warn("key times without min and max are no valid glTF", input.json);
   const std::vector<float> times = document_.floats(input);
   // Without data the times are all zero; the glTF validator lets that pass, and so the test files do it. Such a track
   // has no motion: its first key stands for all.
@@ -118,7 +119,7 @@ Track GltfAnimations::read_track(const Json& channel, const Json& samplers, cons
     for (std::size_t i = cubic ? 1 : 0; i < track.value_count(); i += cubic ? 3 : 1) {
       float* q = &track.values[i * 4];
       const float norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-      if (std::abs(norm - 1) > 0.02f && !no_data)
+      if (std::abs(norm - 1) > 0.02f)
         document_.warn("rotation keys that are not unit quaternions are normalized", sampler["output"]);
       if (cubic) continue;  // scaling the value without its tangents would bend the curve; the sum is normalized anyway
       if (!(norm > 0)) q[3] = 1;
@@ -182,9 +183,9 @@ void GltfAnimations::warn_unused() const {
     std::string kind;  // one warning for all materials, not one each
     for (std::size_t i = 0; i < pointer.size(); ++i) {
       const bool digit = pointer[i] >= '0' && pointer[i] <= '9';
-      const bool index = digit && !kind.empty() && (kind.back() == '/' || kind.back() == '*');
-      if (!index) kind += pointer[i];
-      else if (kind.back() == '/') kind += '*';
+      const char before = kind.empty() ? ' ' : kind.back();
+      if (!digit || (before != '/' && before != '*')) kind += pointer[i];
+      else if (before == '/') kind += '*';
     }
     document_.warn(fmt::format("animation of \"{}\" is ignored", kind), track.json);
   }

@@ -31,16 +31,16 @@ std::size_t component_size(ComponentType type) {
   return 4;
 }
 
-struct Shape {
+struct ElementShape {
   std::string_view name;
   int rows, columns;
 };
-constexpr Shape kShapes[] = {{"SCALAR", 1, 1}, {"VEC2", 2, 1}, {"VEC3", 3, 1}, {"VEC4", 4, 1},
+constexpr ElementShape kShapes[] = {{"SCALAR", 1, 1}, {"VEC2", 2, 1}, {"VEC3", 3, 1}, {"VEC4", 4, 1},
                              {"MAT2", 2, 2},   {"MAT3", 3, 3}, {"MAT4", 4, 4}};
 
 /// Bytes of an element: columns of matrices start at multiples of four bytes.
 std::size_t element_size(std::string_view shape, ComponentType type) {
-  const auto& s = *std::find_if(std::begin(kShapes), std::end(kShapes), [&](const Shape& x) { return x.name == shape; });
+  const auto& s = *std::find_if(std::begin(kShapes), std::end(kShapes), [&](const ElementShape& x) { return x.name == shape; });
   const std::size_t column = std::size_t(s.rows) * component_size(type);
   return s.columns == 1 ? column : std::size_t(s.columns - 1) * ((column + 3) / 4 * 4) + column;
 }
@@ -168,6 +168,7 @@ GltfDocument::GltfDocument(const std::filesystem::path& file, const ImportOption
   read_container(options);
   check_asset();
   check_extensions();
+  check_names();
   read_buffers();
   read_views();
   read_accessors();
@@ -270,6 +271,14 @@ void GltfDocument::check_extensions() {
   root()["extensions"].object();
 }
 
+void GltfDocument::check_names() {
+  for (const char* name : {"accessors", "animations", "buffers", "bufferViews", "cameras", "images", "materials", "meshes", "nodes",
+                           "samplers", "scenes", "skins", "textures"}) {
+    const Json list = this->list(name);
+    for (std::size_t i = 0; i < list.size(); ++i) list.at(i).object()["name"].string();
+  }
+}
+
 void GltfDocument::read_buffers() {
   const Json buffers = list("buffers");
   buffers_.resize(buffers.size());
@@ -338,7 +347,7 @@ void GltfDocument::read_accessors() {
     a.json = json;
     a.type = component_type(json["componentType"]);
     a.shape = json["type"].required().string();
-    const auto shape = std::find_if(std::begin(kShapes), std::end(kShapes), [&](const Shape& s) { return s.name == a.shape; });
+    const auto shape = std::find_if(std::begin(kShapes), std::end(kShapes), [&](const ElementShape& s) { return s.name == a.shape; });
     if (shape == std::end(kShapes))
       json["type"].fail(fmt::format("\"{}\" is no accessor type; valid: SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3, MAT4", a.shape));
     a.components = shape->rows * shape->columns;

@@ -80,6 +80,7 @@ class GltfDocument {
   void read_container(const ImportOptions& options);
   void check_asset();
   void check_extensions();
+  void check_names();
   void read_buffers();
   void read_views();
   void read_accessors();

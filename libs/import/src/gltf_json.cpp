@@ -266,7 +266,7 @@ std::string Json::pointer() const {
   const auto& nodes = document_->nodes_;
   for (std::uint32_t i = node_; i != 0; i = nodes[i].parent) {
     const bool member = nodes[nodes[i].parent].kind == JsonDocument::Kind::kObject;
-    path = "/" + (member ? std::string(Json(document_, i).key()) : std::to_string(nodes[i].position)) + path;
+    path = (member ? fmt::format("/{}", Json(document_, i).key()) : fmt::format("/{}", nodes[i].position)) + path;
   }
   return path;
 }

@@ -30,17 +30,6 @@ class Coverage final : public Texture {
   std::optional<Animated<float>> cutoff_;
 };
 
-/// A texture (or white) times the color attribute.
-class VertexColored final : public Texture {
- public:
-  explicit VertexColored(TexturePtr texture) : texture_(std::move(texture)) {}
-  Rgb rgb(const ShadingPoint& point) const override { return texture_ ? texture_->rgb(point) * point.color : point.color; }
-  Rgb mean() const override { return texture_ ? texture_->mean() : Rgb(1.0f); }
-
- private:
-  TexturePtr texture_;
-};
-
 /// KHR_texture_transform: scale, then rotate, then shift. Rotation is counterclockwise as seen on a picture whose v
 /// points down (the matrix in the extension's text has the other sign than its pictures and all viewers).
 UvTransform uv_transform(const Vec2f& offset, float rotation, const Vec2f& scale) {
@@ -175,7 +164,7 @@ GltfMaterial GltfMaterials::make(int index, bool vertex_colors) {
   if (extensions["KHR_materials_unlit"]) {
     // A picture of its own color that no light changes. It does light its surroundings: a path tracer's emitter does.
     Slot color = params.base_color;
-    if (vertex_colors) color.texture = std::make_shared<VertexColored>(color.texture);
+    if (vertex_colors) color.texture = color.texture ? make_product(color.texture, make_vertex_color()) : make_vertex_color();
     made.emission = AreaEmission{std::move(color), true};
     made.material = make_black();
     made.uses_tangents = false;
@@ -303,7 +292,8 @@ MaterialPtr GltfMaterials::with_alpha(MaterialPtr opaque, const Json& json, cons
   } else if (is_constant(alpha, Rgb(1.0f)) && !vertex_colors) {
     return opaque;  // exporters write BLEND for materials that are opaque everywhere
   }
-  return make_mask(std::make_shared<Coverage>(std::move(alpha), vertex_colors, std::move(cutoff)), std::move(opaque));
+  TexturePtr coverage = std::make_shared<Coverage>(std::move(alpha), vertex_colors, std::move(cutoff));
+  return make_mask(std::move(coverage), std::move(opaque));
 }
 
 GltfMaterials::TexturePtr GltfMaterials::texture(const Json& info, const std::string& pointer, Channel channel,

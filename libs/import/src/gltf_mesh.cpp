@@ -311,7 +311,6 @@ GltfMesh read_mesh(const GltfDocument& document, const Json& json) {
   mesh.weights.assign(mesh.targets, 0.0f);
   std::vector<double> weights(mesh.targets, 0.0);
   if (json["weights"].numbers(weights.data(), mesh.targets)) std::copy(weights.begin(), weights.end(), mesh.weights.begin());
-  json["name"].string();
   return mesh;
 }
 

@@ -27,7 +27,7 @@ struct GltfMesh {
 GltfMesh read_mesh(const GltfDocument& document, const Json& json);
 
 /// Adds tangents for normal maps where the file has none, from normals and uvs; splits vertices at which mirrored and
-/// unmirrored texture meets. Does nothing without normals or uvs. Pre: `mesh` has no joints yet.
+/// unmirrored texture meets. Does nothing without normals or uvs.
 void make_tangents(Mesh& mesh);
 
 /// Applies constant `weights` to positions, normals and tangents and drops the morph targets.

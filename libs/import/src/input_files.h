@@ -46,6 +46,7 @@ class InputFiles {
 
   /// Accounts for `bytes` of scene data that stay allocated. Errors: Error{kOutOfMemory} at `loc` beyond the limit.
   void charge(std::uint64_t bytes, const SourceLoc& loc);
+  std::uint64_t memory_limit() const { return limit_; }  ///< 0: none
 
   /// Hash over paths' contents, each file once, independent of the order of reading.
   std::uint64_t hash() const;

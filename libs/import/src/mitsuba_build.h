@@ -23,6 +23,7 @@ enum class SpectrumKind {
   kReflectance,  ///< seen under daylight, in [0,1]
   kUnbounded,    ///< the same without an upper bound: indices of refraction, roughness
   kEmission,     ///< emitted light
+  kScalar,       ///< one number: opacity, roughness, weights
 };
 
 /// The geometry of one shape, to be read from its file once all objects are known: many at a time.
@@ -76,10 +77,11 @@ class Builder {
   Rgb color(const Property& property, SpectrumKind kind) const;
   /// A constant or a texture.
   Slot slot(const Object& object, std::string_view name, Slot fallback, SpectrumKind kind = SpectrumKind::kReflectance);
-  Slot texture_slot(const Object& texture, SpectrumKind kind, bool raw_data);
-  std::shared_ptr<const Texture> bitmap(const Object& texture, bool raw_data);
+  Slot texture_slot(const Object& texture, SpectrumKind kind);
+  Slot make_texture_slot(const Object& texture, SpectrumKind kind);
+  std::shared_ptr<const Texture> bitmap(const Object& texture, SpectrumKind kind);
   UvTransform uv_transform(const Object& texture) const;
-  /// Constant color of a property without texture. Errors: Error{kUnsupported} for a texture.
+  /// A value that we take as constant only: textures are replaced by their mean, with a warning.
   Rgb constant(const Object& object, std::string_view name, const Rgb& fallback, SpectrumKind kind);
 
   // --- materials (mitsuba_materials.cpp) ---
@@ -102,6 +104,7 @@ class Builder {
   void add_shape_group(const Object& group);
   void add_instance(const Object& instance);
   void warn_about_media(const Object& shape);
+  std::string unique_name(const std::string& name);  // `name`, or with a number behind it
   std::shared_ptr<const FileContents> shared_contents(const std::filesystem::path& path, const SourceLoc& loc);
   void read_meshes();
 
@@ -110,12 +113,15 @@ class Builder {
   AreaEmission area_emission(const Object& emitter);
   void add_environment(const Object& emitter);
   void add_sun_sky(const Object& emitter);
+  Transform rotation_only(Transform transform, const Place& place) const;
+  Vec2i image_size(const std::filesystem::path& path, const Place& place) const;
 
   // --- sensors, film, integrator (mitsuba_sensors.cpp) ---
   void add_sensor(const Object& sensor);
-  void film_defaults(const Object& sensor, bool first);
+  void film_defaults(const Object& film, int width, int height, bool first);
   void add_integrator(const Object& integrator);
-  void add_medium(const Object& medium);
+  /// Radians; `vertical` tells whether the file gave the vertical angle.
+  double horizontal_fov(const Object& object, double aspect, bool& vertical) const;
 
   const Document& document_;
   InputFiles& files_;
@@ -123,6 +129,8 @@ class Builder {
   Scene scene_;
   std::map<const Object*, MaterialPtr> materials_;
   std::set<const Object*> in_construction_;  // cycles of references
+  std::map<std::string, int> names_;  // the last number given to a name
+  std::set<std::string> taken_names_;
   std::map<const Object*, int> groups_;      // shape groups -> Scene::groups index
   std::vector<MeshJob> jobs_;
   std::map<std::filesystem::path, std::shared_ptr<const FileContents>> contents_;

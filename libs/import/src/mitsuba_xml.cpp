@@ -554,6 +554,9 @@ void Parser::parse_child(const pugi::xml_node& node, Object& parent, int depth) 
     if (a.contains("value") == a.contains("filename"))
       fail(ErrorCode::kBadInput, at, "<spectrum> needs either \"value\" or \"filename\"");
     const auto& source = a.contains("value") ? a.at("value") : a.at("filename");
+    std::vector<double> v;  // 0.6 takes three plain numbers for RGB
+    if (a.contains("value") && document_.is_legacy(at) && parse_numbers(source.first, v) && v.size() == 3)
+      return add(parent, a.at("name").first, Color{{v[0], v[1], v[2]}}, source.second);
     add(parent, a.at("name").first, a.contains("value") ? spectrum(source) : spectrum_file(source.first, source.second),
         source.second);
   } else if (tag == "blackbody") {
@@ -627,9 +630,11 @@ SourceLoc Document::loc(const Place& place) const {
 }
 
 std::filesystem::path Document::find_file(const std::string& name, const Place& place) const {
-  const std::filesystem::path path(name);
-  if (path.is_absolute()) return path;
   std::error_code failed;
+  std::string slashes = name;  // files written on Windows
+  std::replace(slashes.begin(), slashes.end(), '\\', '/');
+  const std::filesystem::path path(slashes);
+  if (path.is_absolute()) return path;
   for (const std::filesystem::path& folder : folders_)
     if (std::filesystem::exists(folder / path, failed)) return folder / path;
   // Parts that were included may also count from their own folder.

@@ -296,10 +296,10 @@ std::optional<Column> Reader::column(const Element& element, std::initializer_li
 
 std::vector<Column> Reader::color_columns(const Element& element, std::vector<float>& rgb, std::vector<float>& alpha) {
   std::vector<Column> columns;
-  const std::optional<Column> c[4] = {column(element, {"red", "r", "color_r", "diffuse_red", "Cd_r"}),
-                                      column(element, {"green", "g", "color_g", "diffuse_green", "Cd_g"}),
-                                      column(element, {"blue", "b", "color_b", "diffuse_blue", "Cd_b"}),
-                                      column(element, {"alpha", "a", "color_a"})};
+  const std::optional<Column> c[4] = {column(element, {"red", "r", "color_r", "color_0", "diffuse_red"}),
+                                      column(element, {"green", "g", "color_g", "color_1", "diffuse_green"}),
+                                      column(element, {"blue", "b", "color_b", "color_2", "diffuse_blue"}),
+                                      column(element, {"alpha", "a", "color_a", "color_3"})};
   if (!c[0] || !c[1] || !c[2]) return columns;
   for (int i = 0; i < 4; ++i) {
     if (!c[i]) continue;

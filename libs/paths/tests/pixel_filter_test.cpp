@@ -117,12 +117,17 @@ TEST(PixelFilter, WeightedSamplesHaveTheMomentsOfTheFilter) {
 
 TEST(PixelFilter, NegativeLobesDoNotChangeBrightness) {
   const PixelFilter f(FilterKind::kMitchell);
-  const int n = 2048;
+  // Integral of |f| over integral of f: each axis contributes it once to a weight and once, inverse, to the mean sign.
+  const double total = integrate(f, -2, 2, [](double, double v) { return v; });
+  const double scale = integrate(f, -2, 2, [](double, double v) { return std::abs(v); }) / total;
+  EXPECT_NEAR(scale, 1.06997, 1e-5);
+  const int n = 1 << 20;
   double sum = 0;
-  for (int y = 0; y < n; ++y) {
-    for (int x = 0; x < n; ++x) sum += f.sample({(float(x) + 0.5f) / n, (float(y) + 0.5f) / n}).weight;
-  }
-  EXPECT_NEAR(sum / (double(n) * n), 1, 2e-3);
+  for (int x = 0; x < n; ++x) sum += f.sample({(float(x) + 0.5f) / n, 0.5f}).weight;
+  EXPECT_NEAR(sum / n, scale, 1e-5);
+  EXPECT_NEAR(f.sample({0.5f, 0.5f}).weight, scale * scale, 1e-6);
+  EXPECT_NEAR(f.sample({0.01f, 0.5f}).weight, -scale * scale, 1e-6);
+  EXPECT_NEAR(f.sample({0.01f, 0.99f}).weight, scale * scale, 1e-6);
 }
 
 TEST(PixelFilter, MapIsMonotoneAndSymmetric) {

@@ -35,29 +35,28 @@ T lookup(const Table<T>& table, float cosine, float alpha, T (*mix)(const T&, co
 Vec3f direction(float cosine) { return {std::sqrt(std::max(1 - cosine * cosine, 0.0f)), 0, cosine}; }
 
 std::unique_ptr<const Table<GgxAlbedo>> make_ggx_table() {
-  constexpr int kSamples = 24;  // per axis; midpoints of the unit square through the sampling of visible normals
+  constexpr int kSamples = 512;
   auto table = std::make_unique<Table<GgxAlbedo>>();
   for (int j = 0; j < kSize; ++j)
     for (int i = 0; i < kSize; ++i) {
       const Vec3f wo = direction(cosine_at(i));
       const Microfacet f(Microfacets::kGgx, alpha_at(j), alpha_at(j));
       double scale = 0, bias = 0;
-      for (int s = 0; s < kSamples * kSamples; ++s) {
-        const Vec3f m = f.sample(wo, {(float(s % kSamples) + 0.5f) / kSamples, (float(s / kSamples) + 0.5f) / kSamples});
+      for (int s = 0; s < kSamples; ++s) {
+        const Vec3f m = f.sample(wo, recurrence_point(s));
         const Vec3f wi = mirror(wo, m);
         if (wi.z <= 0) continue;
         const float weight = f.g1(wi, m), schlick = std::pow(std::clamp(1 - dot(wo, m), 0.0f, 1.0f), 5.0f);
         scale += weight * (1 - schlick);
         bias += weight * schlick;
       }
-      const double n = kSamples * kSamples;
-      (*table)[std::size_t(j)][std::size_t(i)] = {float(scale / n), float(bias / n)};
+      (*table)[std::size_t(j)][std::size_t(i)] = {float(scale / kSamples), float(bias / kSamples)};
     }
   return table;
 }
 
 std::unique_ptr<const Table<float>> make_sheen_table() {
-  constexpr int kCosines = 64, kAngles = 64;
+  constexpr int kCosines = 32, kAngles = 24;
   auto table = std::make_unique<Table<float>>();
   for (int j = 0; j < kSize; ++j)
     for (int i = 0; i < kSize; ++i) {

@@ -49,13 +49,25 @@ template <class F>
 Rgb lobe_albedo(const PassageLobe<F>& l, const Vec3f& wo, bool transmitted) {
   return transmitted ? l.sample(wo).f : Rgb(0.0f);
 }
-// Rough lobes: the Fresnel term of the surface times the albedo of white GGX facets.
-float facet_albedo(const Microfacet& m, const Vec3f& wo) {
-  return ggx_albedo(wo.z, std::sqrt(m.alpha_u * m.alpha_v)).of(1, 1);
+/// Rough lobes: mean over some visible normals m of `weight(m)`.
+template <class F>
+Rgb facet_mean(Microfacet facets, const Vec3f& wo, F&& weight) {
+  constexpr int kNormals = 24;
+  facets.sample_visible = true;
+  Rgb sum;
+  for (int i = 0; i < kNormals; ++i) sum += weight(facets.sample(wo, recurrence_point(i)));
+  return sum / float(kNormals);
+}
+template <class L>
+Rgb reflected_mean(const L& l, const Vec3f& up, float side) {
+  return facet_mean(l.microfacet, up, [&](const Vec3f& m) {
+    const Vec3f wi = mirror(up, m);
+    return wi.z > 0 ? l.fresnel.reflect(side * dot(up, m)) * l.microfacet.g1(wi, m) : Rgb(0.0f);
+  });
 }
 template <class F>
 Rgb lobe_albedo(const MicrofacetReflectionLobe<F>& l, const Vec3f& wo, bool transmitted) {
-  return wo.z > 0 && !transmitted ? l.fresnel.reflect(wo.z) * facet_albedo(l.microfacet, wo) : Rgb(0.0f);
+  return wo.z > 0 && !transmitted ? reflected_mean(l, wo, 1) : Rgb(0.0f);
 }
 Rgb lobe_albedo(const MicrofacetReflectionLobe<SchlickFresnel>& l, const Vec3f& wo, bool transmitted) {
   if (wo.z <= 0 || transmitted) return Rgb(0.0f);
@@ -64,14 +76,25 @@ Rgb lobe_albedo(const MicrofacetReflectionLobe<SchlickFresnel>& l, const Vec3f& 
 }
 template <class F>
 Rgb lobe_albedo(const RoughInterfaceLobe<F>& l, const Vec3f& wo, bool transmitted) {
-  const float scale = facet_albedo(l.microfacet, wo);
-  if (!transmitted) return l.fresnel.reflect(wo.z) * scale;
-  const float eta = wo.z > 0 ? l.fresnel.eta : 1 / l.fresnel.eta;
-  return l.fresnel.transmit(wo.z) * (scale / (eta * eta));
+  if (wo.z == 0) return Rgb(0.0f);
+  const float side = wo.z > 0 ? 1.0f : -1.0f;
+  const Vec3f up = wo * side;
+  if (!transmitted) return reflected_mean(l, up, side);
+  return facet_mean(l.microfacet, up, [&](const Vec3f& m) {
+    const float om = side * dot(up, m);
+    const DielectricInterface face = dielectric_interface(om, l.fresnel.eta);
+    const Vec3f wi = m * (side * om / face.eta + side * face.cos_t) - up * (1 / face.eta);
+    return wi.z < 0 ? l.fresnel.transmit(om) * (l.microfacet.g1(wi, m) / (face.eta * face.eta)) : Rgb(0.0f);
+  });
 }
 template <class F>
 Rgb lobe_albedo(const RoughPassageLobe<F>& l, const Vec3f& wo, bool transmitted) {
-  return transmitted ? l.fresnel.transmit(std::abs(wo.z)) * facet_albedo(l.microfacet, wo) : Rgb(0.0f);
+  if (wo.z == 0 || !transmitted) return Rgb(0.0f);
+  const Vec3f up{wo.x, wo.y, std::abs(wo.z)};
+  return facet_mean(l.microfacet, up, [&](const Vec3f& m) {
+    const Vec3f wi = mirror(up, m);
+    return wi.z > 0 ? l.fresnel.transmit(dot(up, m)) * l.microfacet.g1(wi, m) : Rgb(0.0f);
+  });
 }
 Rgb lobe_albedo(const PrincipledDiffuseLobe& l, const Vec3f& wo, bool transmitted) {
   return wo.z > 0 && !transmitted ? l.base_color : Rgb(0.0f);
@@ -146,29 +169,40 @@ float Bsdf::layer_factor(int layer, const Vec3f& wo, const Vec3f& wi) const {
   return factor;
 }
 
+/// Adds one non-delta lobe; wo and wi are given in the world and in the lobe's frame.
 template <class L>
-void Bsdf::accumulate(const L& lobe, const Entry& entry, const Vec3f& wo, const Vec3f& wi, BsdfEval& out) const {
-  if constexpr (!L::kDelta) {
-    const Frame& frame = frames_[entry.frame];
-    const Vec3f o = frame.basis.to_local(wo), i = frame.basis.to_local(wi);
-    const LobeEval e = lobe.eval(o, i);
-    if (!(e.pdf > 0)) return;
-    float weight = entry.weight;
-    if (frame.parent >= 0) {
-      const float factor = frame_factor(frame, wi);
-      if (factor == 0) return;
-      weight *= factor;
-    }
-    if (entry.layer >= 0) weight *= layer_factor(entry.layer, wo, wi);
-    out.f_cos[std::size_t(event_of(lobe.roughness(), o.z * i.z < 0))] += e.f_cos * weight;
-    out.pdf += e.pdf * entry.probability;
+void Bsdf::accumulate(const L& lobe, const Entry& entry, const Vec3f& wo, const Vec3f& wi, const Vec3f& local_wo,
+                      const Vec3f& local_wi, BsdfEval& out) const {
+  const LobeEval e = lobe.eval(local_wo, local_wi);
+  if (!(e.pdf > 0)) return;
+  float weight = entry.weight;
+  const Frame& frame = frames_[entry.frame];
+  if (frame.parent >= 0) {
+    const float factor = frame_factor(frame, wi);
+    if (factor == 0) return;
+    weight *= factor;
+  }
+  if (entry.layer >= 0) weight *= layer_factor(entry.layer, wo, wi);
+  out.f_cos[std::size_t(event_of(lobe.roughness(), local_wo.z * local_wi.z < 0))] += e.f_cos * weight;
+  out.pdf += e.pdf * entry.probability;
+}
+
+void Bsdf::accumulate_all(const Vec3f& wo, const Vec3f& wi, int skip, BsdfEval& out) const {
+  for (int i = 0; i < lobes_.size(); ++i) {
+    if (i == skip) continue;
+    const Entry& entry = lobes_[i];
+    visit_lobe(entry.lobe, [&](const auto& lobe) {
+      if constexpr (!std::decay_t<decltype(lobe)>::kDelta) {
+        const Basis& basis = frames_[entry.frame].basis;
+        accumulate(lobe, entry, wo, wi, basis.to_local(wo), basis.to_local(wi), out);
+      }
+    });
   }
 }
 
 BsdfEval Bsdf::eval(const Vec3f& wo, const Vec3f& wi) const {
   BsdfEval out;
-  for (int i = 0; i < lobes_.size(); ++i)
-    visit_lobe(lobes_[i].lobe, [&](const auto& lobe) { accumulate(lobe, lobes_[i], wo, wi, out); });
+  accumulate_all(wo, wi, -1, out);
   if (out.pdf > 0) out.pdf /= total_probability_;
   return out;
 }
@@ -185,19 +219,18 @@ std::optional<BsdfSample> Bsdf::sample(const Vec3f& wo, float u_lobe, const Vec2
   const Frame& frame = frames_[entry.frame];
   const Vec3f o = frame.basis.to_local(wo);
   BsdfSample out;
+  BsdfEval sum;
   bool valid = false;
   visit_lobe(entry.lobe, [&](const auto& lobe) {
     using L = std::decay_t<decltype(lobe)>;
-    Vec3f local;
     if constexpr (L::kDelta) {
       const DeltaSample s = lobe.sample(o);
       if (!s.valid) return;
-      local = s.wi;
-      out.wi = frame.basis.to_world(local);
+      out.wi = frame.basis.to_world(s.wi);
       float weight = entry.weight;
       if (frame.parent >= 0) weight *= frame_factor(frame, out.wi);
       if (entry.layer >= 0) weight *= layer_factor(entry.layer, wo, out.wi);
-      out.transmitted = local.z * o.z < 0;
+      out.transmitted = s.wi.z * o.z < 0;
       out.event = event_of(0, out.transmitted);
       out.f_cos[std::size_t(out.event)] = s.f * weight;
       out.pdf = entry.probability / total_probability_;
@@ -206,6 +239,7 @@ std::optional<BsdfSample> Bsdf::sample(const Vec3f& wo, float u_lobe, const Vec2
       out.roughness = 0;
       valid = weight > 0;
     } else {
+      Vec3f local;
       if (!lobe.sample(o, u_choice, u, local)) return;
       out.wi = frame.basis.to_world(local);
       out.transmitted = local.z * o.z < 0;
@@ -213,15 +247,16 @@ std::optional<BsdfSample> Bsdf::sample(const Vec3f& wo, float u_lobe, const Vec2
       out.event = event_of(out.roughness, out.transmitted);
       if constexpr (requires { L::kRefracts; })
         if (out.transmitted) out.eta = o.z > 0 ? lobe.fresnel.eta : 1 / lobe.fresnel.eta;
+      accumulate(lobe, entry, wo, out.wi, o, local, sum);
       valid = true;
     }
   });
   if (!valid) return std::nullopt;
   if (!out.delta) {
-    const BsdfEval e = eval(wo, out.wi);
-    if (!(e.pdf > 0) || !std::isfinite(e.pdf)) return std::nullopt;
-    out.f_cos = e.f_cos;
-    out.pdf = e.pdf;
+    if (lobes_.size() > 1) accumulate_all(wo, out.wi, chosen, sum);
+    if (!(sum.pdf > 0) || !std::isfinite(sum.pdf)) return std::nullopt;
+    out.f_cos = sum.f_cos;
+    out.pdf = sum.pdf / total_probability_;
   }
   return out;
 }
@@ -231,9 +266,11 @@ Rgb Bsdf::albedo(const Vec3f& wo, Event event) const {
   for (int i = 0; i < lobes_.size(); ++i) {
     const Entry& entry = lobes_[i];
     const Vec3f o = frames_[entry.frame].basis.to_local(wo);
-    // A layer over a lobe: as if the light left in the mirror direction, which is exact for smooth lobes.
-    const float weight = entry.weight * layer_factor(entry.layer, wo, wo);
     visit_lobe(entry.lobe, [&](const auto& lobe) {
+      // How much a layer lets pass depends on wi: take the mirror direction, or the mean cosine 2/3 of a diffuse lobe.
+      const bool diffuse = std::is_base_of_v<CosineSampled, std::decay_t<decltype(lobe)>>;
+      const Vec3f wi = diffuse ? frames_[entry.frame].basis.to_world({0.745356f, 0, 0.666667f}) : wo;
+      const float weight = entry.weight * layer_factor(entry.layer, wo, wi);
       for (const bool transmitted : {false, true})
         if (event_of(lobe.roughness(), transmitted) == event) sum += lobe_albedo(lobe, o, transmitted) * weight;
     });

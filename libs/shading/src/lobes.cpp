@@ -22,9 +22,9 @@ LobeEval PrincipledDiffuseLobe::eval(const Vec3f& wo, const Vec3f& wi) const {
 }
 
 namespace {
-float gtr1(float cos_m, float alpha) {
-  const float a2 = alpha * alpha;
-  return (a2 - 1) / (kPi * std::log(a2) * (1 + (a2 - 1) * cos_m * cos_m));
+float gtr1(const Vec3f& m, float alpha) {
+  const float a2 = alpha * alpha;  // the sum of squares is 1 + (a2 - 1) m.z^2 without its cancellation at m.z = 1
+  return (a2 - 1) / (kPi * std::log(a2) * (m.x * m.x + m.y * m.y + a2 * m.z * m.z));
 }
 float coat_masking(float c) { return 2 / (1 + std::sqrt(1 + 0.0625f * (1 - c * c) / (c * c))); }  // alpha 0.25
 }  // namespace
@@ -35,7 +35,7 @@ LobeEval ClearcoatLobe::eval(const Vec3f& wo, const Vec3f& wi) const {
   const float cos_m = dot(wo, m);
   if (!(cos_m > 0)) return {};
   const float s = schlick_weight_interface(cos_m, eta);
-  const float d = gtr1(m.z, alpha);
+  const float d = gtr1(m, alpha);
   const float f = weight * (0.04f + 0.96f * s) * d * coat_masking(wo.z) * coat_masking(wi.z) * wi.z;
   return {Rgb(f), d * m.z / (4 * cos_m)};
 }

@@ -57,7 +57,7 @@ class MetallicRoughness final : public Material {
     fresnel.loss90 = specular;
     fresnel.eta = volume ? eta_ : 1.0f;
 
-    Parts parts{bsdf, weight};
+    Parts parts(bsdf, weight);
     int layer = -1;
     if (!inside) {
       if (has_coat_) layer = add_coat(point, frame, layer, parts);
@@ -89,6 +89,7 @@ class MetallicRoughness final : public Material {
 
   /// Lobes with their expected shares of the light, which become probabilities once all are known.
   struct Parts {
+    Parts(Bsdf& target, float w) : bsdf(target), weight(w) {}
     Bsdf& bsdf;
     float weight;
     float below = 1;  ///< share of light that gets below the layers added so far
@@ -158,7 +159,8 @@ class MetallicRoughness final : public Material {
   /// GGX reflection of dielectric and metal, and transmission.
   void add_interface(const ShadingPoint& point, int frame, float cosine, float alpha, bool volume,
                      const SchlickFresnel& fresnel, const GgxAlbedo& ggx, int layer, Parts& parts) const {
-    const float reflected = luminance(fresnel.f0) * ggx.scale + fresnel.f90 * ggx.bias;
+    const bool smooth = alpha < kSmoothAlpha && !has_anisotropy_;
+    const float reflected = smooth ? luminance(fresnel.reflect(cosine)) : luminance(fresnel.f0) * ggx.scale + fresnel.f90 * ggx.bias;
     const float transmitted = luminance(fresnel.transmit(cosine));
     const bool transmits = !is_black(fresnel.transmittance);
     float alpha_t = alpha;
@@ -166,7 +168,7 @@ class MetallicRoughness final : public Material {
       const float a = p_.anisotropy.scalar(point);
       alpha_t = alpha + a * a * (1 - alpha);
     }
-    if (std::max(alpha, alpha_t) < kSmoothAlpha) {
+    if (smooth) {
       parts.add(frame, MirrorLobe<SchlickFresnel>{fresnel, volume}, reflected * parts.below, layer);
       if (!transmits) return;
       if (volume)

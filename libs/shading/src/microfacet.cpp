@@ -40,8 +40,9 @@ Vec2f beckmann_visible_slopes(float cos_o, Vec2f u) {
   for (int i = 0; i < 3; ++i) {
     const float slope = erf_inverse(x);
     const float value = 1 + x + kInvSqrtPi * tan_o * std::exp(-slope * slope) - target;
-    x -= value / (1 - slope * tan_o);
-    x = std::clamp(x, -1 + 1e-7f, 1 - 1e-7f);
+    const float step = value / (1 - slope * tan_o);
+    x = std::clamp(x - step, -1 + 1e-7f, 1 - 1e-7f);
+    if (std::abs(step) < 1e-6f) break;
   }
   return {erf_inverse(x), erf_inverse(2 * u.y - 1)};
 }

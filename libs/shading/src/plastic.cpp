@@ -4,21 +4,26 @@
 #include <span>
 #include <map>
 #include <mutex>
+#include <numeric>
 #include <tuple>
 
 #include "material_util.h"
 #include "quadrature.h"
+#include "tempera/core/parallel.h"
 
 namespace tempera {
 namespace {
 
 /// Reflectance or transmittance of a rough interface of relative index eta, for `wo` outside: nodes of a Gauss-Legendre
 /// rule on the unit square are mapped through the sampling of visible normals, whose weight is Fresnel times masking.
-float rough_albedo(const Microfacet& facets, const Vec3f& wo, float eta, bool transmitted, std::span<const QuadratureNode> rule) {
+/// Normals come in pairs that mirror each other in the plane of wo, so that half of the square suffices.
+float rough_albedo(const Microfacet& facets, const Vec3f& wo, float eta, bool transmitted, const std::vector<QuadratureNode>& rule) {
+  const bool lateral_is_x = facets.type == Microfacets::kGgx;
   double sum = 0;
-  for (const QuadratureNode& a : rule)
+  for (std::size_t i = 0; i < rule.size() / 2; ++i)
     for (const QuadratureNode& b : rule) {
-      const Vec3f m = facets.sample(wo, {b.x, a.x});
+      const QuadratureNode& a = rule[i];
+      const Vec3f m = facets.sample(wo, lateral_is_x ? Vec2f{a.x, b.x} : Vec2f{b.x, a.x});
       const float om = dot(wo, m);
       const DielectricInterface face = dielectric_interface(om, eta);
       Vec3f wi;
@@ -30,33 +35,41 @@ float rough_albedo(const Microfacet& facets, const Vec3f& wo, float eta, bool tr
         wi = mirror(wo, m);
         f = wi.z > 0 ? face.reflectance : 0;
       }
-      if (f > 0) sum += double(a.weight) * b.weight * f * facets.g1(wi, m);
+      if (f > 0) sum += 2 * double(a.weight) * double(b.weight) * double(f * facets.g1(wi, m));
     }
   return float(sum);
+}
+
+std::shared_ptr<const RoughTransmittance> compute(Microfacets type, float alpha, float eta) {
+  // Total internal reflection makes a kink, so that the inside needs a finer rule; with these the table is exact to 2e-4.
+  const std::vector<QuadratureNode> coarse = gauss_legendre(32), fine = gauss_legendre(type == Microfacets::kGgx ? 128 : 64);
+  const Microfacet facets(type, alpha, alpha);
+  auto table = std::make_shared<RoughTransmittance>();
+  std::array<double, RoughTransmittance::kSize> inside{};
+  parallel_for(0, RoughTransmittance::kSize, [&](std::int64_t i) {
+    const float mu = std::max(float(i) / (RoughTransmittance::kSize - 1), 1e-6f);
+    const Vec3f wo{std::sqrt(1 - mu * mu), 0, mu};
+    table->external[std::size_t(i)] = rough_albedo(facets, wo, eta, true, eta > 1 ? coarse : fine);
+    inside[std::size_t(i)] = double(rough_albedo(facets, wo, 1 / eta, false, eta > 1 ? fine : coarse) * mu);
+  });
+  table->internal_reflectance = float(2 * std::accumulate(inside.begin(), inside.end(), 0.0) / RoughTransmittance::kSize);
+  return table;
 }
 
 }  // namespace
 
 std::shared_ptr<const RoughTransmittance> RoughTransmittance::make(Microfacets type, float alpha, float eta) {
   using Key = std::tuple<Microfacets, float, float>;
-  static std::mutex mutex;  // tables are pure functions of the key; kept only while a material uses them
+  static std::mutex mutex;  // tables are pure functions of the key, and kept only while a material uses them
   static std::map<Key, std::weak_ptr<const RoughTransmittance>> tables;
   const Key key{type, alpha, eta};
-  const std::lock_guard lock(mutex);
-  if (auto known = tables[key].lock()) return known;
-
-  // Total internal reflection makes a kink, so that the inside needs the finer rule.
-  const std::vector<QuadratureNode> coarse = gauss_legendre(32), fine = gauss_legendre(128);
-  const Microfacet facets(type, alpha, alpha);
-  auto table = std::make_shared<RoughTransmittance>();
-  double inside = 0;
-  for (int i = 0; i < kSize; ++i) {
-    const float mu = std::max(float(i) / (kSize - 1), 1e-6f);
-    const Vec3f wo{std::sqrt(1 - mu * mu), 0, mu};
-    table->external[std::size_t(i)] = rough_albedo(facets, wo, eta, true, eta > 1 ? coarse : fine);
-    inside += double(rough_albedo(facets, wo, 1 / eta, false, eta > 1 ? fine : coarse)) * mu;
+  {
+    const std::lock_guard lock(mutex);
+    if (auto known = tables[key].lock()) return known;
   }
-  table->internal_reflectance = float(2 * inside / kSize);
+  // Not under the lock: the loop may run other tasks of this thread, and they may want a table, too.
+  auto table = compute(type, alpha, eta);
+  const std::lock_guard lock(mutex);
   tables[key] = table;
   return table;
 }

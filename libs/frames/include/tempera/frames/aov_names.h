@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Layer names of other programs: which EXR channels a frame becomes when it is written for them, and which of our layers
-// the channels of their files are. Facts from the manuals and file conventions of Blender, Arnold, RenderMan and pbrt-v4.
+// Layer names of other programs: which EXR channels a frame becomes when it is written for them, and which of our
+// layers the channels of their files are. Facts from the manuals and file conventions of Blender, Arnold, RenderMan and
+// pbrt-v4.
 #include <string>
 #include <vector>
 
@@ -32,8 +33,8 @@ std::vector<AovChannel> aov_channels(const std::vector<LayerDesc>& layers, AovNa
 /// One line per layer, "normal -> ViewLayer.Denoising Normal.{X,Y,Z}", for the log.
 std::string describe_aov_names(const std::vector<LayerDesc>& layers, AovNames names);
 
-/// Where a channel of one of our layers comes from when a file is read: `scale` times channel `channel` (in the order of
-/// the file) of the file.
+/// Where a channel of one of our layers comes from when a file is read: `scale` times channel `channel` (in the order
+/// of the file) of the file.
 struct ChannelSource {
   int channel = 0;
   float scale = 1;
@@ -42,9 +43,9 @@ struct LayerSource {
   LayerDesc desc;
   std::vector<ChannelSource> channels;  ///< one per desc.channels
 };
-/// Groups the channel names of a file into layers, known layers in the channel order of the vocabulary. With `translate`
-/// the names of other programs become ours where that is unambiguous: the first of two claimants wins, the other keeps
-/// its name.
+/// Groups the channel names of a file into layers, known layers in the channel order of the vocabulary. With
+/// `translate` the names of other programs become ours where that is unambiguous: the first of two claimants wins, the
+/// other keeps its name.
 std::vector<LayerSource> layers_of_channels(const std::vector<std::string>& channels, bool translate = true);
 
 }  // namespace tempera

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "tempera/core/color.h"
 #include "tempera/frames/image.h"
 
 namespace tempera {
@@ -21,10 +22,6 @@ struct DisplayOptions {
   float exposure = 0;  ///< in stops: values are multiplied by 2^exposure
   ToneMap tone_map = ToneMap::kSrgb;
 };
-
-/// The sRGB transfer function of a value in [0,1] (IEC 61966-2-1), and its inverse.
-float linear_to_srgb(float v);
-float srgb_to_linear(float v);
 
 /// Scene-linear color to display values in [0,1]. NaN becomes 0.
 Rgb tone_map(const Rgb& color, const DisplayOptions& options);

@@ -8,11 +8,10 @@
 
 namespace tempera {
 
-/// Writes `bytes` to a temporary file beside `path`, forces them to the disk and renames it to `path`: afterwards `path`
-/// holds either all of `bytes` or what it held before. Missing directories are created; a symbolic link is followed.
-/// Errors: Error{kFailed} with the system's reason (disk full, read-only, no permission, not a regular file); no
-/// temporary file stays behind.
-/// Threads: safe, also for the same path (the last one wins whole).
+/// Writes `bytes` to a temporary file beside `path`, forces them to the disk and renames it to `path`: afterwards
+/// `path` holds either all of `bytes` or what it held before. Missing directories are created; a symbolic link is
+/// followed. Errors: Error{kFailed} with the system's reason (disk full, read-only, no permission, not a regular file);
+/// no temporary file stays behind. Threads: safe, also for the same path (the last one wins whole).
 void write_file(const std::string& path, std::span<const std::byte> bytes);
 void write_file(const std::string& path, std::string_view text);
 

@@ -54,7 +54,8 @@ class Frame {
   std::list<Layer> layers_;
 };
 
-/// EXR compression. kDwaa loses a little of the picture and is refused for frames with data layers that it would damage.
+/// EXR compression. kDwaa loses a little of the picture and is refused for frames with data layers that it would
+/// damage.
 enum class Compression { kNone, kRle, kZips, kZip, kPiz, kDwaa };
 
 struct WriteOptions {
@@ -67,7 +68,8 @@ Compression parse_compression(std::string_view text);
 
 /// Writes a single-part multi-layer EXR, whole or not at all (see write_file).
 /// Result:  the same bytes for the same frame and options.
-/// Errors:  Error{kFailed} if the disk is full, read-only or not permitted: what stood at `path` stays, no temporary file
+/// Errors:  Error{kFailed} if the disk is full, read-only or not permitted: what stood at `path` stays, no temporary
+/// file
 ///          does. Error{kBadInput} for a frame without layers. Error{kUnsupported} for kDwaa with data layers.
 /// Threads: safe for different frames.
 void write_frame(const std::string& path, const Frame& frame, const WriteOptions& options = {});

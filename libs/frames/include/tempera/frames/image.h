@@ -21,7 +21,9 @@ class Image {
   Image() = default;
   /// All values `fill`. Pre: sizes >= 0.
   Image(int width, int height, int channels, float fill = 0)
-      : width_(width), height_(height), channels_(channels),
+      : width_(width),
+        height_(height),
+        channels_(channels),
         data_(std::size_t(width) * std::size_t(height) * std::size_t(channels), fill) {}
 
   int width() const { return width_; }

@@ -51,24 +51,24 @@ struct LayerDesc {
 };
 
 namespace layers {
-LayerDesc color();             ///< "color" R,G,B,A: radiance, and A the part of the pixel that a surface covers
-LayerDesc color_a();           ///< "color.a" R,G,B: mean of the even samples
-LayerDesc color_b();           ///< "color.b" R,G,B: mean of the odd samples
-LayerDesc color_variance();    ///< "color.var" R,G,B: variance of the mean
-LayerDesc albedo();            ///< "albedo" R,G,B: directional-hemispherical reflectance of the first surface
-LayerDesc normal();            ///< "normal" X,Y,Z: shading normal in world space, whatever the camera; 0 where nothing is
-LayerDesc depth();             ///< "depth" Z: distance along the viewing axis; 0 where nothing is
-LayerDesc position();          ///< "position" X,Y,Z: world position; 0 where nothing is
-LayerDesc object_id();         ///< "object_id" I: 1 + index of the instance, exact up to 2^24; 0 where nothing is
-LayerDesc uv();                ///< "uv" U,V: texture coordinates
-LayerDesc emission();          ///< "emission" R,G,B: radiance that the first surface emits
-LayerDesc motion_forward();    ///< "motion.forward" X,Y,Z,V: next - current place of what the pixel shows; never NaN
-LayerDesc motion_backward();   ///< "motion.backward" X,Y,Z,V: previous - current
-LayerDesc grad_x();            ///< "grad.x" R,G,B: I[p + x] - I[p]
-LayerDesc grad_y();            ///< "grad.y" R,G,B: I[p + y] - I[p]
-LayerDesc grad_t();            ///< "grad.t" R,G,B: I[next frame, same surface point] - I[p]
-LayerDesc samples();           ///< "samples" N: paths traced through the pixel
-LayerDesc time();              ///< "time" T: mean shutter time, seconds on the shot's axis
+LayerDesc color();           ///< "color" R,G,B,A: radiance, and A the part of the pixel that a surface covers
+LayerDesc color_a();         ///< "color.a" R,G,B: mean of the even samples
+LayerDesc color_b();         ///< "color.b" R,G,B: mean of the odd samples
+LayerDesc color_variance();  ///< "color.var" R,G,B: variance of the mean
+LayerDesc albedo();          ///< "albedo" R,G,B: directional-hemispherical reflectance of the first surface
+LayerDesc normal();          ///< "normal" X,Y,Z: shading normal in world space, whatever the camera; 0 where nothing is
+LayerDesc depth();           ///< "depth" Z: distance along the viewing axis; 0 where nothing is
+LayerDesc position();        ///< "position" X,Y,Z: world position; 0 where nothing is
+LayerDesc object_id();       ///< "object_id" I: 1 + index of the instance, exact up to 2^24; 0 where nothing is
+LayerDesc uv();              ///< "uv" U,V: texture coordinates
+LayerDesc emission();        ///< "emission" R,G,B: radiance that the first surface emits
+LayerDesc motion_forward();  ///< "motion.forward" X,Y,Z,V: next - current place of what the pixel shows; never NaN
+LayerDesc motion_backward();  ///< "motion.backward" X,Y,Z,V: previous - current
+LayerDesc grad_x();           ///< "grad.x" R,G,B: I[p + x] - I[p]
+LayerDesc grad_y();           ///< "grad.y" R,G,B: I[p + y] - I[p]
+LayerDesc grad_t();           ///< "grad.t" R,G,B: I[next frame, same surface point] - I[p]
+LayerDesc samples();          ///< "samples" N: paths traced through the pixel
+LayerDesc time();             ///< "time" T: mean shutter time, seconds on the shot's axis
 /// "Crypto<kind><rank>" R,G,B,A = id, coverage, id, coverage of two ranks, e.g. "CryptoObject00".
 LayerDesc crypto(int rank, std::string_view kind = "Object");
 /// "class.<class_name>.<layer>": `base` for the paths of one light-path class, e.g. class_layer("dd", color()) is

@@ -18,14 +18,14 @@ struct VideoOptions {
   std::string codec = "auto";
   int crf = 18;  ///< quality of h264, hevc, vp9 and av1: 0 (best) to 51
   DisplayOptions display;
-  std::string layer = "color";      ///< layer of the frames to show
-  std::string ffmpeg = "ffmpeg";    ///< program, looked up in PATH
+  std::string layer = "color";    ///< layer of the frames to show
+  std::string ffmpeg = "ffmpeg";  ///< program, looked up in PATH
 };
 
-/// Writes one movie, picture by picture. The file appears under its name when `finish` returns; without it nothing stays.
-/// Errors, of all members: Error{kMissingFile} if ffmpeg is not installed, Error{kUsage} for a file name that does not
-/// end in .mp4, .mov, .mkv or .webm, or a codec that the file cannot hold; Error{kFailed} with ffmpeg's own words;
-/// Error{kBadInput} for a picture of another size.
+/// Writes one movie, picture by picture. The file appears under its name when `finish` returns; without it nothing
+/// stays. Errors, of all members: Error{kMissingFile} if ffmpeg is not installed, Error{kUsage} for a file name that
+/// does not end in .mp4, .mov, .mkv or .webm, or a codec that the file cannot hold; Error{kFailed} with ffmpeg's own
+/// words; Error{kBadInput} for a picture of another size.
 class VideoWriter {
  public:
   VideoWriter(const std::string& path, int width, int height, const VideoOptions& options = {});
@@ -52,13 +52,14 @@ int write_video(const FrameSequence& frames, const std::string& path, const Vide
                 const VideoProgress& progress = {});
 
 struct ContactSheetOptions {
-  int columns = 0;     ///< 0: as makes the sheet about 16:9
-  int width = 320;     ///< of one picture, in pixels
+  int columns = 0;      ///< 0: as makes the sheet about 16:9
+  int width = 320;      ///< of one picture, in pixels
   int max_frames = 48;  ///< more are thinned out evenly
   DisplayOptions display;
   std::string layer = "color";
 };
-/// Writes a PNG with small pictures of the frames in rows, each with its frame number. Errors: as read_frame, write_png.
+/// Writes a PNG with small pictures of the frames in rows, each with its frame number. Errors: as read_frame,
+/// write_png.
 void write_contact_sheet(const FrameSequence& frames, const std::string& path, const ContactSheetOptions& options = {});
 
 }  // namespace tempera

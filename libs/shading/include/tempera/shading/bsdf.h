@@ -153,7 +153,9 @@ class Bsdf {
   float frame_factor(const Frame& frame, const Vec3f& wi) const;
   float layer_factor(int layer, const Vec3f& wo, const Vec3f& wi) const;
   template <class L>
-  void accumulate(const L& lobe, const Entry& entry, const Vec3f& wo, const Vec3f& wi, BsdfEval& out) const;
+  void accumulate(const L& lobe, const Entry& entry, const Vec3f& wo, const Vec3f& wi, const Vec3f& local_wo,
+                  const Vec3f& local_wi, BsdfEval& out) const;
+  void accumulate_all(const Vec3f& wo, const Vec3f& wi, int skip, BsdfEval& out) const;
 
   detail::FixedStack<Entry, kMaxLobes> lobes_;
   detail::FixedStack<Frame, kMaxFrames> frames_;

@@ -49,15 +49,15 @@ struct RoughInterfaceLobe {
     const float om = dot(wo, m), im = dot(wi, m);
     if (!(om * wo.z > 0 && im * wi.z > 0)) return {};
     const float d = microfacet.d(m);
+    if (d == 0) return {};
+    const float g_o = microfacet.g1(wo, m), g = g_o * microfacet.g1(wi, m);
     const float choice = fresnel.reflect_probability(om);
-    const float density = density_of(wo, m);
-    if (reflect) {
-      const float g = microfacet.g1(wo, m) * microfacet.g1(wi, m);
+    const float density = microfacet.sample_visible ? d * g_o * std::abs(om / wo.z)
+                                                    : sampling_distribution(wo).pdf(wo.z > 0 ? wo : -wo, m);
+    if (reflect)
       return {fresnel.reflect(om) * (d * g / (4 * std::abs(wo.z))), choice * density / (4 * std::abs(im))};
-    }
     // Half-vector Jacobian; 1/eta^2 turns transmitted power into radiance and cancels the eta^2 of the Jacobian.
     const float jacobian = std::abs(im) / sqr(om + eta * im);
-    const float g = microfacet.g1(wo, m) * microfacet.g1(wi, m);
     return {fresnel.transmit(om) * (d * g * std::abs(om / wo.z) * jacobian), (1 - choice) * density * jacobian * eta * eta};
   }
   bool sample(const Vec3f& wo, float u_choice, const Vec2f& u, Vec3f& wi) const {
@@ -78,9 +78,6 @@ struct RoughInterfaceLobe {
   /// Without sampling of visible normals a wider distribution bounds the weights [Walter 2007, Sec. 5.3].
   Microfacet sampling_distribution(const Vec3f& wo) const {
     return microfacet.sample_visible ? microfacet : microfacet.scaled(1.2f - 0.2f * std::sqrt(std::abs(wo.z)));
-  }
-  float density_of(const Vec3f& wo, const Vec3f& m) const {
-    return sampling_distribution(wo).pdf(wo.z > 0 ? wo : -wo, m);
   }
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Values over surfaces: constants (possibly animated) and textures. Evaluated once per hit when a material makes its BSDF.
+#include <cstddef>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -97,6 +98,10 @@ std::shared_ptr<const Texture> make_image_texture(const ImageTextureParams& para
 /// The same from encoded bytes in memory (glTF buffers): `name` identifies them in messages and caches.
 std::shared_ptr<const Texture> make_image_texture(const ImageTextureParams& params, std::string_view encoded,
                                                   const std::string& name, const SourceLoc& loc = {});
+/// Bytes that decoded images may take together before image files are paged in tiles through OpenImageIO's cache, which is
+/// then bounded by the same number; 256 MiB unless set. Applies to images that are loaded later. Threads: safe.
+void set_image_memory_budget(std::size_t bytes);
+
 /// Mitsuba's checkerboard: color0 where both halves of a unit cell agree, color1 elsewhere.
 std::shared_ptr<const Texture> make_checkerboard(Slot color0, Slot color1, const UvTransform& transform);
 /// The surface's color attribute (ShadingPoint::color).

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// What the commands of the program share: the place to register themselves, and the flags that name and change a shot.
+#include <CLI/CLI.hpp>
+#include <deque>
+#include <functional>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "tempera/pipeline/shot.h"
+
+namespace tempera {
+
+/// The command line of one run. A command adds its subcommand with `add`; `run` is then what main calls.
+struct Program {
+  CLI::App app;
+  std::vector<std::string> arguments;  ///< with the program's name
+  std::function<int()> run;            ///< of the command that was chosen; returns the exit status
+  int verbosity = 0;                   ///< -1 quiet, 1 verbose
+  std::stop_token stop;                ///< SIGINT or SIGTERM came
+
+  /// A subcommand. `examples` are shown below its help, one a line.
+  CLI::App* add(const std::string& name, const std::string& help, const std::vector<std::string>& examples,
+                std::function<int()> action);
+  /// The command line as a shell would read it.
+  std::string command_line() const;
+};
+
+/// SHOT and the flags that say how to render it, generated from the table of shot.toml's keys.
+class ShotFlags {
+ public:
+  void add_to(CLI::App& command);
+  /// The file's values, and over them those of the command line, in the order file, flags by table, --set.
+  ShotConfig config() const;
+  ImportOptions import_options() const;
+  int threads() const { return threads_; }
+  std::uint64_t memory_limit() const;
+  bool strict() const { return strict_; }
+
+ private:
+  std::string shot_;
+  struct KeyFlag {
+    const ShotKey* key;
+    CLI::Option* option;
+    std::string text;
+    bool on = false;
+  };
+  std::deque<KeyFlag> keys_;  // addresses stay: the parser writes into them
+  std::vector<std::string> set_, params_, classes_, defines_;
+  std::string decompose_, shutter_, memory_limit_;
+  int max_depth_ = 0;
+  CLI::Option* max_depth_given_ = nullptr;
+  int threads_ = 0;
+  bool strict_ = false, sandbox_ = false;
+};
+
+/// Flags of `render` and `run`.
+struct RenderFlags {
+  ShotFlags shot;
+  bool resume = false;
+  double checkpoint_minutes = 10;
+  std::string tev, progress = "auto", replay;
+  void add_to(CLI::App& command);
+};
+
+/// Loads the shot, checks it and renders its frames. Errors: those of all of them.
+/// Returns the shot; nothing is rendered with --replay.
+Shot render_shot(Program& program, const RenderFlags& flags);
+
+/// "1-24,30 (25 frames)".
+std::string describe_frames(const std::vector<int>& frames);
+
+void add_render(Program& program);
+void add_run(Program& program);
+void add_info(Program& program);
+void add_list(Program& program);
+void add_video(Program& program);
+void add_compare(Program& program);
+void add_docs(Program& program);
+
+/// "tempera 0.1.0 (Release, GNU 12.2.0, Embree 3.13.5, OpenImageIO 2.4.7.1)".
+std::string version_text();
+
+}  // namespace tempera

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/pipeline/render.h"
+
+#include <fmt/format.h>
+
+#include <charconv>
+#include <cstdio>
+
+#include "program.h"
+#include "tempera/core/log.h"
+#include "tempera/core/parallel.h"
+#include "tempera/frames/aov_names.h"
+#include "tempera/pipeline/memory.h"
+#include "tempera/pipeline/progress.h"
+#include "tempera/pipeline/tev.h"
+
+namespace tempera {
+
+namespace {
+
+/// "frame,x,y,sample". Errors: Error{kUsage}.
+BadSample parse_replay(const std::string& text) {
+  BadSample b;
+  int* const fields[] = {&b.frame, &b.x, &b.y, &b.sample};
+  const char* at = text.data();
+  const char* const end = at + text.size();
+  for (int* field : fields) {
+    const auto [next, ec] = std::from_chars(at, end, *field);
+    const bool last = field == &b.sample;
+    if (ec != std::errc() || (last ? next != end : next == end || *next != ',')) {
+      throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
+                  fmt::format("--replay \"{}\" is not of the form frame,x,y,sample", text));
+    }
+    at = next + 1;
+  }
+  return b;
+}
+
+}  // namespace
+
+std::string describe_frames(const std::vector<int>& frames) {
+  std::string out;
+  for (std::size_t i = 0; i < frames.size();) {
+    std::size_t last = i + 1;
+    const int step = last < frames.size() ? frames[last] - frames[i] : 1;
+    while (last < frames.size() && frames[last] - frames[last - 1] == step) ++last;
+    if (!out.empty()) out += ',';
+    if (last - i < 3 && step != 1) last = i + 1;
+    out += last - i == 1 ? fmt::format("{}", frames[i])
+           : step == 1   ? fmt::format("{}-{}", frames[i], frames[last - 1])
+                         : fmt::format("{}-{}x{}", frames[i], frames[last - 1], step);
+    i = last;
+  }
+  return fmt::format("{} ({} {})", out, frames.size(), frames.size() == 1 ? "frame" : "frames");
+}
+
+void RenderFlags::add_to(CLI::App& command) {
+  shot.add_to(command);
+  command.add_flag("--resume", resume, "skip frames that are finished, continue those that were interrupted");
+  command.add_option("--checkpoint-minutes", checkpoint_minutes, "minutes between checkpoints of a frame; 0: only when stopped [10]")
+      ->type_name("N")->check(CLI::NonNegativeNumber);
+  command.add_option("--tev", tev, "show tiles in the image viewer tev as they finish")
+      ->type_name("HOST[:PORT]")->expected(1);
+  command.add_option("--progress", progress, "auto, tty, plain, json, openjd or none [auto]")->type_name("KIND");
+  command.add_option("--replay", replay, "render this one sample and print its radiance")->type_name("FRAME,X,Y,SAMPLE");
+}
+
+Shot render_shot(Program& program, const RenderFlags& flags) {
+  const ShotConfig config = flags.shot.config();
+  const ProgressKind kind = program.verbosity < 0 && flags.progress == "auto" ? ProgressKind::kNone : parse_progress(flags.progress);
+  std::unique_ptr<RenderObserver> tev;
+  const std::uint64_t memory_limit = flags.shot.memory_limit();
+  if (memory_limit > 0) limit_memory(memory_limit);
+
+  Shot shot;
+  with_threads(flags.shot.threads(), [&] {
+    Warnings warnings;
+    LoadedShot loaded = load_shot(config, flags.shot.import_options(), warnings);
+    warnings.report(flags.shot.strict());
+    check_memory(loaded.shot, loaded.scene, memory_limit);
+    shot = loaded.shot;
+    if (!flags.replay.empty()) {
+      const BadSample b = parse_replay(flags.replay);
+      const Rgb c = replay_sample(shot, loaded.scene, b);
+      std::printf("frame %d, pixel %d,%d, sample %d: %g %g %g\n", b.frame, b.x, b.y, b.sample, c.r, c.g, c.b);
+      return;
+    }
+    if (shot.output.empty()) {
+      throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "no output is named; add -o out/frame.####.exr");
+    }
+    log_info(fmt::format("frames {}", describe_frames(shot.frames)));
+    if (shot.write.names != AovNames::kTempera) {
+      const auto layers = find_integrator(shot.integrator).make(shot.params)->outputs(shot.settings);
+      log_info(describe_aov_names(layers, shot.write.names));
+    }
+    const std::unique_ptr<RenderObserver> progress = make_progress(kind);
+    std::vector<RenderObserver*> observers{progress.get()};
+    if (!flags.tev.empty()) {
+      tev = make_tev_display(parse_tev_address(flags.tev), shot.source.stem().string());
+      observers.push_back(tev.get());
+    }
+    RenderOptions options;
+    options.resume = flags.resume;
+    options.checkpoint_seconds = 60 * flags.checkpoint_minutes;
+    options.command = program.command_line();
+    const RenderReport report = render_sequence(shot, loaded.scene, options, observers, program.stop);
+    log_info(fmt::format("{} frames rendered, {} found finished, in {:.1f} s", report.frames.size(), report.skipped.size(),
+                         report.seconds));
+  });
+  return shot;
+}
+
+void add_render(Program& program) {
+  auto flags = std::make_shared<RenderFlags>();
+  CLI::App* command = program.add("render", "Render frames to multi-layer EXR files.",
+                                  {"tempera render scene.xml -o out/frame.####.exr --spp 256",
+                                   "tempera render shot.toml --frames 1-24 --resume --layers motion,albedo,normal",
+                                   "tempera render robot.glb -o out/r.exr --camera Main --shutter -0.25,0.25 --resolution 1920x1080",
+                                   "tempera render shot.toml --decompose \"direct=ED;indirect=ED.+\" --tev 127.0.0.1:14158"},
+                                  [&program, flags] {
+                                    render_shot(program, *flags);
+                                    return 0;
+                                  });
+  flags->add_to(*command);
+}
+
+}  // namespace tempera

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Materials by name and parameters: what shot.toml's [materials.<name>] tables replace a scene's materials with. The table
+// of types feeds the parser, `tempera list bsdfs` and the manual.
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "tempera/core/params.h"
+#include "tempera/scene/scene.h"
+#include "tempera/shading/material.h"
+
+namespace tempera {
+
+/// Values of a material's table, still as text, with the place and the folder that texture files are relative to.
+class MaterialValues {
+ public:
+  MaterialValues(const Params& params, std::map<std::string, SourceLoc> locs, std::filesystem::path folder)
+      : params_(params), locs_(std::move(locs)), folder_(std::move(folder)) {}
+  /// A constant ("0.5", "0.8,0.1,0.1", "#cc3300" in sRGB) or an image file. Errors: Error{kBadInput | kMissingFile} at it.
+  Slot color_slot(const std::string& name) const;
+  /// The same for what is no color: the first channel of an image is taken as stored.
+  Slot scalar_slot(const std::string& name) const;
+  /// A constant only. Errors: Error{kBadInput}.
+  Rgb color(const std::string& name) const;
+  const Params& params() const { return params_; }
+  SourceLoc loc(const std::string& name) const;
+
+ private:
+  Slot slot(const std::string& name, bool is_color) const;
+  const Params& params_;
+  std::map<std::string, SourceLoc> locs_;
+  std::filesystem::path folder_;
+};
+
+/// One type of material.
+struct MaterialEntry {
+  std::string name;
+  std::string help;
+  std::vector<ParamSpec> params;
+  MaterialPtr (*make)(const MaterialValues& values);
+};
+/// All of them, in the order of the manual.
+std::span<const MaterialEntry> material_catalog();
+/// Parameters that every type has besides its own: opacity, two_sided, emission.
+std::span<const ParamSpec> common_material_params();
+
+/// Replaces the material of all shapes whose material is called `name`. `values` are the parameters, `type` among them;
+/// `name_loc` is where the name stands; texture files are relative to the folder that `folder` gives for a value.
+/// Errors: Error{kUnknownName} for a material that the scene lacks, a type or a parameter; those of make.
+void override_material(Scene& scene, const std::string& name, const std::map<std::string, ParamValue>& values,
+                       const std::map<std::string, SourceLoc>& locs, const std::filesystem::path& folder);
+
+/// "0.5", "0.8,0.1,0.1" or "#rrggbb" (sRGB) as linear RGB; none for other text.
+std::optional<Rgb> parse_color(std::string_view text);
+
+}  // namespace tempera

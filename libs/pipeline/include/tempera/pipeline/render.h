@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Renders the frames of a shot to files: tiles in parallel, frames written in the background, finished work kept whatever
+// happens. Which frames and where is the shot's matter; who watches is an observer's.
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "tempera/frames/frame.h"
+#include "tempera/integrators/integrator.h"
+#include "tempera/pipeline/shot.h"
+
+namespace tempera {
+
+/// Sums over tiles or frames.
+struct RenderTotals {
+  std::uint64_t samples = 0, rays = 0, shadow_rays = 0, bad_samples = 0;
+  std::vector<BadSample> first_bad;  ///< at most 16
+  RenderTotals& operator+=(const RenderTotals& o);
+};
+
+struct RenderPlan {
+  std::vector<int> frames;       ///< that will be rendered, in order
+  std::size_t skipped = 0;       ///< frames that --resume found finished
+  std::size_t tiles = 0;         ///< per frame
+  int width = 0, height = 0;     ///< of the files
+  const RenderSettings* settings = nullptr;
+  std::vector<LayerDesc> layers;
+};
+
+struct FrameReport {
+  int frame = 0;
+  std::string path;
+  double seconds = 0;            ///< wall time, of all runs together if it was continued from a checkpoint
+  RenderTotals totals;
+};
+
+struct RenderReport {
+  std::vector<FrameReport> frames;
+  std::vector<int> skipped;
+  double seconds = 0;
+  RenderTotals totals;
+};
+
+/// Watches a render. Threads: tile_done is called concurrently; frame_end comes from the thread that writes files, so it
+/// can overlap the next frame's calls. Must not block for long: the renderer waits.
+class RenderObserver {
+ public:
+  virtual ~RenderObserver() = default;
+  virtual void begin(const RenderPlan& /*plan*/) {}
+  /// `tiles_done`: those that a checkpoint brought; their pixels are in `picture`.
+  virtual void frame_begin(int /*frame*/, const Frame& /*picture*/, std::size_t /*tiles_done*/) {}
+  /// The pixels of `tile` (coordinates in `picture`) are final.
+  virtual void tile_done(int /*frame*/, const Frame& /*picture*/, const Tile& /*tile*/, const RenderTotals& /*totals*/) {}
+  /// The file is written.
+  virtual void frame_end(const FrameReport& /*report*/) {}
+  virtual void end(const RenderReport& /*report*/) {}
+};
+
+struct RenderOptions {
+  /// Skip frames whose file is complete and has the same fingerprint; continue those that were interrupted.
+  bool resume = false;
+  double checkpoint_seconds = 600;  ///< between checkpoints of a frame in progress; 0: only when stopped
+  std::string command;              ///< for the metadata
+};
+
+/// Renders `shot.frames` to `shot.output`, one file each.
+/// Result:  files that depend on shot and scene alone, but for the time and the command in their metadata.
+/// Errors:  Error{kCancelled} after `stop`: the frame in progress is in "<file>.partial", from which `resume` continues.
+///          Error{kFailed} if files cannot be written: where that can be known, before a ray is traced.
+/// Threads: uses parallel_for, and one thread more that writes.
+RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderOptions& options,
+                             std::span<RenderObserver* const> observers, std::stop_token stop = {});
+
+/// One frame in memory, without its metadata but the cryptomatte manifest. Result: the pixels of render_sequence.
+Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals* totals = nullptr);
+
+/// Radiance of a single sample: what its pixel would add up. Errors: Error{kUsage} for a pixel or sample outside.
+Rgb replay_sample(const Shot& shot, const Scene& scene, const BadSample& sample);
+
+}  // namespace tempera

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// A shot: a scene and everything that says how to render a sequence of it. Loaded from shot.toml or from a scene file
+// alone; each value comes from the command line, else shot.toml, else the scene file, else the built-in default.
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "tempera/core/log.h"
+#include "tempera/frames/frame.h"
+#include "tempera/frames/video.h"
+#include "tempera/import/import.h"
+#include "tempera/integrators/integrator.h"
+#include "tempera/pipeline/shot_config.h"
+#include "tempera/scene/scene.h"
+
+namespace tempera {
+
+struct Shot {
+  std::filesystem::path source;      ///< shot.toml, or the scene file
+  std::filesystem::path scene_file;
+  RenderSettings settings;
+  std::string integrator = "path";
+  Params params;                     ///< of the integrator
+  std::vector<int> frames;           ///< in rendering order, each once
+  std::string output;                ///< pattern, see frame_path; empty: the command must name one
+  WriteOptions write;
+  int motion_segments = 4;           ///< knots of the motion grid per frame
+  std::string video_path;            ///< movie that `tempera run` makes of the frames; empty: none
+  VideoOptions video;
+  std::string edits;                 ///< canonical text of what was changed in the scene (environment, materials)
+};
+
+struct LoadedShot {
+  Shot shot;
+  Scene scene;
+};
+
+/// Reads the scene that `config` names, as it stands in its file.
+/// Errors: those of import_scene; Error{kBadInput} if it names none.
+Scene import_shot_scene(const ShotConfig& config, const ImportOptions& options, Warnings& warnings);
+/// Settles every value, and replaces environment and materials of the scene where the shot says so.
+/// Errors: Error{kUnknownName | kBadInput | kOutOfRange} at the value in shot.toml, or with the file "<command line>".
+Shot settle_shot(const ShotConfig& config, Scene& scene);
+/// Both, one after the other.
+LoadedShot load_shot(const ShotConfig& config, const ImportOptions& options, Warnings& warnings);
+
+/// `file` is shot.toml (any .toml) or a scene file: in the latter case the key `scene` is set to it.
+/// Errors: as ShotConfig::read_file; Error{kUnsupported} for an extension that nothing reads.
+ShotConfig read_shot_config(const std::filesystem::path& file);
+
+/// 128 bits in hex over everything that affects the pixels of the file of `frame`: scene content and edits, settings,
+/// integrator and parameters, encoding, program version. Not threads, paths or time.
+std::string fingerprint(const Shot& shot, const Scene& scene, int frame);
+
+}  // namespace tempera

@@ -1,0 +1,263 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/pipeline/progress.h"
+
+#include <fmt/format.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cstdio>
+#include <mutex>
+#include <nlohmann/json.hpp>
+
+#include "tempera/core/log.h"
+
+namespace tempera {
+
+namespace {
+
+double now() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+void print(std::FILE* out, const std::string& text) {
+  std::fwrite(text.data(), 1, text.size(), out);
+  std::fflush(out);
+}
+
+std::string clock_text(double seconds) {
+  const long s = long(std::clamp(seconds, 0.0, 1e9) + 0.5);
+  return s >= 3600 ? fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60) : fmt::format("{}:{:02}", s / 60, s % 60);
+}
+
+std::string rate_text(double per_second) {
+  if (per_second >= 1e6) return fmt::format("{:.2f} Msamples/s", per_second / 1e6);
+  return fmt::format("{:.0f} ksamples/s", per_second / 1e3);
+}
+
+/// Counts tiles over the whole sequence; calls `update` at most every `interval` seconds.
+class Counting : public RenderObserver {
+ public:
+  void begin(const RenderPlan& plan) override {
+    const std::scoped_lock lock(mutex_);
+    begin_ = last_ = now();
+    frames_ = plan.frames.size();
+    tiles_per_frame_ = std::max<std::size_t>(plan.tiles, 1);
+    started(plan);
+  }
+  void frame_begin(int frame, const Frame&, std::size_t tiles_done) override {
+    const std::scoped_lock lock(mutex_);
+    frame_ = frame;
+    ++index_;
+    done_ += tiles_done;
+    brought_ += tiles_done;
+    frame_started();
+  }
+  void tile_done(int, const Frame&, const Tile&, const RenderTotals& totals) override {
+    const std::scoped_lock lock(mutex_);
+    ++done_;
+    samples_ += totals.samples;
+    const double t = now();
+    if (t - last_ < interval_) return;
+    last_ = t;
+    update();
+  }
+  void frame_end(const FrameReport& report) override {
+    const std::scoped_lock lock(mutex_);
+    frame_done(report);
+  }
+  void end(const RenderReport& report) override {
+    const std::scoped_lock lock(mutex_);
+    finished(report);
+  }
+
+ protected:
+  explicit Counting(double interval) : interval_(interval) {}
+  virtual void started(const RenderPlan&) {}
+  virtual void frame_started() {}
+  virtual void update() {}
+  virtual void frame_done(const FrameReport&) {}
+  virtual void finished(const RenderReport&) {}
+
+  double fraction() const {
+    const double all = double(frames_ * tiles_per_frame_);
+    return all > 0 ? std::min(1.0, double(done_) / all) : 1.0;
+  }
+  double elapsed() const { return now() - begin_; }
+  /// Negative while there is nothing to judge by.
+  double seconds_left() const {
+    const double here = double(done_ - brought_);
+    return here > 0 ? elapsed() / here * (double(frames_ * tiles_per_frame_) - double(done_)) : -1;
+  }
+  double samples_per_second() const { return elapsed() > 0 ? double(samples_) / elapsed() : 0; }
+
+  std::mutex mutex_;
+  int frame_ = 0;
+  std::size_t index_ = 0, frames_ = 0;
+
+ private:
+  double interval_, begin_ = 0, last_ = 0;
+  std::size_t tiles_per_frame_ = 1, done_ = 0, brought_ = 0;
+  std::uint64_t samples_ = 0;
+};
+
+std::string done_line(const FrameReport& r) {
+  return fmt::format("frame {} done: seconds={:.3f} samples={} rays={} path={}\n", r.frame, r.seconds, r.totals.samples,
+                     r.totals.rays + r.totals.shadow_rays, r.path);
+}
+
+class Plain : public Counting {
+ public:
+  Plain() : Counting(1e9) {}
+
+ protected:
+  void frame_done(const FrameReport& r) override {
+    if (log_level() >= LogLevel::kInfo) print(stderr, done_line(r));
+  }
+};
+
+class Bar : public Counting {
+ public:
+  Bar() : Counting(0.1) {
+    set_log_writer([this](std::string_view line) {
+      const std::scoped_lock lock(draw_);
+      print(stderr, "\r\033[K" + std::string(line) + bar_);
+    });
+  }
+  ~Bar() override {
+    set_log_writer({});
+    draw("");
+  }
+
+ protected:
+  void frame_started() override { update(); }
+  void update() override {
+    winsize size{};
+    const int columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0 ? size.ws_col : 80;
+    const double left = seconds_left();
+    const std::string text =
+        fmt::format(" {:5.1f} %  frame {} ({}/{})  {} elapsed  {} left  {}", 100 * fraction(), frame_, index_, frames_,
+                    clock_text(elapsed()), left < 0 ? "?" : clock_text(left), rate_text(samples_per_second()));
+    const int width = std::clamp(columns - int(text.size()) - 3, 0, 40);
+    std::string bar;
+    if (width >= 8) {
+      const int full = int(fraction() * width);
+      bar = "[" + std::string(std::size_t(full), '=') + std::string(std::size_t(width - full), ' ') + "]";
+    }
+    draw((bar + text).substr(0, std::size_t(std::max(columns - 1, 10))));
+  }
+  void frame_done(const FrameReport& r) override {
+    const std::scoped_lock lock(draw_);
+    print(stderr, "\r\033[K" + done_line(r) + bar_);
+  }
+  void finished(const RenderReport&) override { draw(""); }
+
+ private:
+  void draw(std::string bar) {
+    const std::scoped_lock lock(draw_);
+    if (bar.empty() && bar_.empty()) return;
+    bar_ = std::move(bar);
+    print(stderr, "\r\033[K" + bar_);
+  }
+  std::mutex draw_;
+  std::string bar_;
+};
+
+class Json : public Counting {
+ public:
+  Json() : Counting(1) {}
+
+ protected:
+  static void event(nlohmann::ordered_json j) {
+    print(stdout, j.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+  }
+  static nlohmann::ordered_json totals(const RenderTotals& t) {
+    return {{"samples", t.samples}, {"rays", t.rays}, {"shadow_rays", t.shadow_rays}, {"bad_samples", t.bad_samples}};
+  }
+  void started(const RenderPlan& p) override {
+    nlohmann::ordered_json layers = nlohmann::ordered_json::array();
+    for (const LayerDesc& d : p.layers) layers.push_back(d.name);
+    event({{"event", "start"},
+           {"frames", p.frames},
+           {"skipped", p.skipped},
+           {"width", p.width},
+           {"height", p.height},
+           {"spp", p.settings->spp},
+           {"layers", layers}});
+  }
+  void frame_started() override {
+    event({{"event", "frame"}, {"frame", frame_}, {"index", index_}, {"of", frames_}});
+  }
+  void update() override {
+    event({{"event", "progress"}, {"frame", frame_}, {"percent", 100 * fraction()}, {"seconds_left", seconds_left()}});
+  }
+  void frame_done(const FrameReport& r) override {
+    nlohmann::ordered_json j{{"event", "done"}, {"frame", r.frame}, {"seconds", r.seconds}, {"path", r.path}};
+    j.update(totals(r.totals));
+    event(std::move(j));
+  }
+  void finished(const RenderReport& r) override {
+    nlohmann::ordered_json j{
+        {"event", "end"}, {"frames", r.frames.size()}, {"skipped", r.skipped.size()}, {"seconds", r.seconds}};
+    j.update(totals(r.totals));
+    event(std::move(j));
+  }
+};
+
+class OpenJd : public Counting {
+ public:
+  OpenJd() : Counting(1) {}
+
+ protected:
+  void progress() { print(stdout, fmt::format("openjd_progress: {:.2f}\n", 100 * fraction())); }
+  void started(const RenderPlan& p) override {
+    print(stdout, fmt::format("openjd_progress: 0\nopenjd_status: {} frames to render, {} finished before\n",
+                              p.frames.size(), p.skipped));
+  }
+  void frame_started() override {
+    print(stdout, fmt::format("openjd_status: frame {} ({} of {})\n", frame_, index_, frames_));
+  }
+  void update() override { progress(); }
+  void frame_done(const FrameReport& r) override {
+    print(stdout, done_line(r));
+    progress();
+  }
+  void finished(const RenderReport& r) override {
+    print(stdout, fmt::format("openjd_status: {} frames done in {}\n", r.frames.size(), clock_text(r.seconds)));
+  }
+};
+
+}  // namespace
+
+ProgressKind parse_progress(std::string_view text) {
+  static constexpr std::array<std::pair<std::string_view, ProgressKind>, 6> kinds{{{"auto", ProgressKind::kAuto},
+                                                                                   {"tty", ProgressKind::kTty},
+                                                                                   {"plain", ProgressKind::kPlain},
+                                                                                   {"json", ProgressKind::kJson},
+                                                                                   {"openjd", ProgressKind::kOpenJd},
+                                                                                   {"none", ProgressKind::kNone}}};
+  std::vector<std::string> names;
+  for (const auto& [name, kind] : kinds) {
+    if (name == text) return kind;
+    names.emplace_back(name);
+  }
+  throw Error(ErrorCode::kUnknownName, {"<command line>"},
+              fmt::format("unknown kind of progress \"{}\"; known: {}", text, nearest_names(text, names)));
+}
+
+std::unique_ptr<RenderObserver> make_progress(ProgressKind kind) {
+  // A bar written into a file would be one endless line.
+  const bool terminal = isatty(STDERR_FILENO);
+  if (kind == ProgressKind::kAuto || kind == ProgressKind::kTty) kind = terminal ? ProgressKind::kTty : ProgressKind::kPlain;
+  switch (kind) {
+    case ProgressKind::kTty: return std::make_unique<Bar>();
+    case ProgressKind::kJson: return std::make_unique<Json>();
+    case ProgressKind::kOpenJd: return std::make_unique<OpenJd>();
+    case ProgressKind::kNone: return std::make_unique<RenderObserver>();
+    default: return std::make_unique<Plain>();
+  }
+}
+
+}  // namespace tempera

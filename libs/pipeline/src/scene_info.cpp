@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/pipeline/scene_info.h"
+
+#include <set>
+
+#include "tempera/pipeline/memory.h"
+
+namespace tempera {
+
+SceneInfo describe(const Scene& scene) {
+  SceneInfo info;
+  for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
+    const Camera& c = scene.cameras[i];
+    CameraInfo out;
+    out.name = c.name;
+    out.orthographic = c.projection == Projection::kOrthographic;
+    if (!out.orthographic) out.fov_degrees = c.fov_x.at(scene.animation.begin) * 180 / kPiD;
+    out.animated = scene.moves(c.node, scene.animation) || c.fov_x.varies_over(scene.animation) ||
+                   c.width.varies_over(scene.animation) || c.aperture_radius.varies_over(scene.animation) ||
+                   c.focus_distance.varies_over(scene.animation);
+    out.is_default = int(i) == scene.default_camera;
+    info.cameras.push_back(out);
+  }
+  info.animations = scene.animation_names;
+  info.animation = scene.animation;
+  info.nodes = scene.nodes.size();
+  for (const Node& n : scene.nodes) info.moving_nodes += n.local.varies_over(scene.animation);
+
+  std::set<std::string> materials;
+  for (const Shape& s : scene.shapes) {
+    if (const auto* mesh = std::get_if<Mesh>(&s.geometry)) {
+      ++info.meshes;
+      info.triangles += mesh->triangle_count();
+      info.skinned += !mesh->skin.joints.empty();
+      info.morphed += !mesh->morph_targets.empty();
+      info.cached += mesh->cache.size() > 1;
+    }
+    info.spheres += std::holds_alternative<Sphere>(s.geometry);
+    info.disks += std::holds_alternative<Disk>(s.geometry);
+    info.cylinders += std::holds_alternative<Cylinder>(s.geometry);
+    materials.insert(s.material_name);
+  }
+  info.materials.assign(materials.begin(), materials.end());
+  info.instances = scene.instances.size();
+  for (const Instance& i : scene.instances) {
+    for (const int shape : scene.groups[std::size_t(i.group)]) {
+      const Shape& s = scene.shapes[std::size_t(shape)];
+      info.area_lights += s.emission.has_value();
+      if (const auto* mesh = std::get_if<Mesh>(&s.geometry)) info.placed_triangles += mesh->triangle_count();
+    }
+  }
+  for (const PunctualLight& l : scene.lights) {
+    info.point_lights += l.type == LightType::kPoint;
+    info.spot_lights += l.type == LightType::kSpot;
+    info.directional_lights += l.type == LightType::kDirectional;
+    info.projectors += l.type == LightType::kProjector;
+  }
+  info.environments = scene.environments.size();
+  for (const Environment& e : scene.environments) {
+    if (e.width > info.environment_width) info.environment_width = e.width, info.environment_height = e.height;
+  }
+  info.memory = scene_memory(scene);
+  return info;
+}
+
+}  // namespace tempera

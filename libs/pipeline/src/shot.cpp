@@ -1,0 +1,418 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/pipeline/shot.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+#include "hash.h"
+#include "tempera/frames/files.h"
+#include "tempera/pipeline/materials.h"
+
+namespace tempera {
+
+namespace {
+
+/// "1280x720", "1280,720" or "0.5,1": the numbers of a list. Errors: Error{kBadInput} unless there are `count` (0: any).
+template <class T>
+std::vector<T> numbers(const ShotConfig& config, const std::string& key, std::size_t count, const char* form) {
+  const std::string& text = config.get_string(key);
+  const auto fail = [&] {
+    return Error(ErrorCode::kBadInput, config.loc(key), fmt::format("{} = \"{}\" cannot be read; write {}", key, text, form));
+  };
+  std::vector<T> out;
+  const char* at = text.data();
+  const char* const end = text.data() + text.size();
+  while (at != end) {
+    while (at != end && *at == ' ') ++at;
+    T v{};
+    const auto [next, ec] = std::from_chars(at, end, v);
+    if (ec != std::errc()) throw fail();
+    out.push_back(v);
+    at = next;
+    while (at != end && *at == ' ') ++at;
+    if (at == end) break;
+    if (*at != ',' && *at != 'x') throw fail();
+    if (++at == end) throw fail();
+  }
+  if (count > 0 && out.size() != count) throw fail();
+  return out;
+}
+
+Error out_of_range(const ShotConfig& config, const std::string& key, const std::string& what) {
+  return Error(ErrorCode::kOutOfRange, config.loc(key), what);
+}
+
+void settle_film(const ShotConfig& config, const RenderDefaults& defaults, RenderSettings& s) {
+  s.width = defaults.width.value_or(s.width);
+  s.height = defaults.height.value_or(s.height);
+  constexpr int kMaxSide = 65536;
+  if (config.find("film.resolution")) {
+    const auto size = numbers<int>(config, "film.resolution", 2, "1280x720 or [1280, 720]");
+    s.width = size[0], s.height = size[1];
+    if (std::min(s.width, s.height) < 1 || std::max(s.width, s.height) > kMaxSide) {
+      throw out_of_range(config, "film.resolution",
+                         fmt::format("the resolution {}x{} is out of range; each side is 1 to {}", s.width, s.height, kMaxSide));
+    }
+  }
+  s.crop_x = defaults.crop_x, s.crop_y = defaults.crop_y;
+  s.crop_width = defaults.crop_width, s.crop_height = defaults.crop_height;
+  if (config.find("film.crop")) {
+    const auto crop = numbers<int>(config, "film.crop", 4, "left,top,width,height");
+    s.crop_x = crop[0], s.crop_y = crop[1], s.crop_width = crop[2], s.crop_height = crop[3];
+    const bool inside = s.crop_x >= 0 && s.crop_y >= 0 && s.crop_width > 0 && s.crop_height > 0 &&
+                        s.crop_width <= s.width - s.crop_x && s.crop_height <= s.height - s.crop_y;
+    if (!inside) {
+      throw out_of_range(config, "film.crop", fmt::format("the crop {},{} {}x{} is not inside of the picture of {}x{}",
+                                                          crop[0], crop[1], crop[2], crop[3], s.width, s.height));
+    }
+  }
+  const double scale = config.get_double("film.scale") / 100;
+  if (scale != 1) {
+    const auto scaled = [&](int v, int least) { return std::max(least, int(std::lround(v * scale))); };
+    if (std::max(s.width, s.height) * scale > kMaxSide) {
+      throw out_of_range(config, "film.scale", fmt::format("the scaled resolution exceeds {} pixels", kMaxSide));
+    }
+    s.width = scaled(s.width, 1), s.height = scaled(s.height, 1);
+    if (s.crop_width > 0) {
+      s.crop_x = std::min(scaled(s.crop_x, 0), s.width - 1), s.crop_y = std::min(scaled(s.crop_y, 0), s.height - 1);
+      s.crop_width = std::min(scaled(s.crop_width, 1), s.width - s.crop_x);
+      s.crop_height = std::min(scaled(s.crop_height, 1), s.height - s.crop_y);
+    }
+  }
+
+  // A filter that is named without a radius gets its usual one, not the scene's.
+  const bool named = config.find("film.filter");
+  const std::string filter = named ? config.get_string("film.filter") : defaults.filter.value_or("box");
+  double radius = named ? 0 : defaults.filter_radius.value_or(0);
+  if (config.find("film.filter_radius")) radius = config.get_double("film.filter_radius");
+  s.filter = PixelFilter(parse_filter(filter, config.loc("film.filter")), float(radius));
+}
+
+void settle_clock(const ShotConfig& config, const RenderDefaults& defaults, FrameClock& clock) {
+  clock.fps = config.get_double("fps");
+  clock.first = config.get_int("first_frame");
+  clock.start = config.get_double("start");
+  if (defaults.shutter) clock.shutter = *defaults.shutter;
+  if (defaults.exposure) {
+    // The scene file gives absolute times: they are those of the first frame.
+    if (!config.find("start")) clock.start = defaults.exposure->begin;
+    clock.shutter.open = 0;
+    clock.shutter.close = defaults.exposure->length() * clock.fps;
+  }
+  Shutter& shutter = clock.shutter;
+  if (config.find("shutter.open")) shutter.open = config.get_double("shutter.open");
+  if (config.find("shutter.close")) shutter.close = config.get_double("shutter.close");
+  if (shutter.close < shutter.open) {
+    throw out_of_range(config, config.find("shutter.close") ? "shutter.close" : "shutter.open",
+                       fmt::format("the shutter closes at {}, before it opens at {}", shutter.close, shutter.open));
+  }
+  if (config.find("shutter.shape")) {
+    const std::string& shape = config.get_string("shutter.shape");
+    shutter.shape = shape == "box"         ? ShutterShape::kBox
+                    : shape == "trapezoid" ? ShutterShape::kTrapezoid
+                                           : ShutterShape::kCurve;
+  }
+  if (config.find("shutter.ramp_in")) shutter.ramp_in = config.get_double("shutter.ramp_in");
+  if (config.find("shutter.ramp_out")) shutter.ramp_out = config.get_double("shutter.ramp_out");
+  if (shutter.ramp_in + shutter.ramp_out > 1) {
+    throw out_of_range(config, config.find("shutter.ramp_out") ? "shutter.ramp_out" : "shutter.ramp_in",
+                       "shutter.ramp_in and shutter.ramp_out add up to more than 1");
+  }
+  if (config.find("shutter.curve")) shutter.curve = numbers<float>(config, "shutter.curve", 0, "numbers, e.g. [0, 1, 1, 0]");
+  if (shutter.shape == ShutterShape::kCurve) {
+    const auto& curve = shutter.curve;
+    if (curve.size() < 2 || std::any_of(curve.begin(), curve.end(), [](float v) { return !(v >= 0) || v > 1e30f; }) ||
+        std::all_of(curve.begin(), curve.end(), [](float v) { return v == 0; })) {
+      throw out_of_range(config, config.find("shutter.curve") ? "shutter.curve" : "shutter.shape",
+                         "a shutter curve needs at least two numbers from 0 up, not all of them 0");
+    }
+  }
+  if (config.find("shutter.rolling")) shutter.rolling = config.get_double("shutter.rolling");
+}
+
+int find_camera(const ShotConfig& config, const Scene& scene) {
+  if (scene.cameras.empty()) throw Error(ErrorCode::kBadInput, {scene.source.string()}, "the scene has no camera");
+  if (!config.find("camera")) return scene.default_camera;
+  const std::string& wanted = config.get_string("camera");
+  std::vector<std::string> names;
+  for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
+    if (scene.cameras[i].name == wanted) return int(i);
+    names.push_back(fmt::format("{} ({})", i, scene.cameras[i].name));
+  }
+  int index = -1;
+  const auto [end, ec] = std::from_chars(wanted.data(), wanted.data() + wanted.size(), index);
+  if (ec == std::errc() && end == wanted.data() + wanted.size() && index >= 0 && index < int(scene.cameras.size())) {
+    return index;
+  }
+  throw Error(ErrorCode::kUnknownName, config.loc("camera"),
+              fmt::format("the scene has no camera \"{}\"; it has: {}", wanted, nearest_names(wanted, names)));
+}
+
+std::vector<int> find_frames(const ShotConfig& config, const Scene& scene, const FrameClock& clock) {
+  if (config.find("frames")) {
+    try {
+      return parse_frame_set(config.get_string("frames"));
+    } catch (const Error& e) {
+      throw Error(config.loc("frames").line > 0 ? ErrorCode::kBadInput : ErrorCode::kUsage, config.loc("frames"), e.message());
+    }
+  }
+  // Absolute shutter times mean one picture.
+  if (!(scene.animation.length() > 0) || scene.defaults.exposure) return {clock.first};
+  // Keys are rarely at exact multiples of the frame's duration; a thousandth of a frame decides for "on it".
+  const auto frame = [&](double t) { return (t - clock.start) * clock.fps + clock.first; };
+  const double first = std::ceil(frame(scene.animation.begin) - 1e-3), last = std::floor(frame(scene.animation.end) + 1e-3);
+  constexpr double kMaxFrames = 1e6;
+  if (!(last - first < kMaxFrames) || std::abs(first) > 1e9) {
+    throw Error(ErrorCode::kOutOfRange, {scene.source.string()},
+                fmt::format("the animation from {} to {} s has more than {} frames; name those to render (--frames)",
+                            scene.animation.begin, scene.animation.end, kMaxFrames));
+  }
+  std::vector<int> frames;
+  for (int f = int(first); f <= int(last); ++f) frames.push_back(f);
+  if (frames.empty()) frames.push_back(int(first));
+  return frames;
+}
+
+void settle_classes(const ShotConfig& config, RenderSettings& s) {
+  const auto classes = config.table("classes"), parts = config.table("decompose");
+  if (!classes.empty() && !parts.empty()) {
+    throw Error(ErrorCode::kBadInput, parts.begin()->second.loc,
+                "classes and decompose cannot be given together; a class may be a part of the decomposition");
+  }
+  s.classes_are_decomposition = !parts.empty();
+  std::vector<std::string> expressions;
+  std::vector<SourceLoc> locs;
+  for (const auto& [key, value] : s.classes_are_decomposition ? parts : classes) {
+    const std::string& name = key[0];
+    const bool plain = std::all_of(name.begin(), name.end(),
+                                   [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-'; });
+    if (!plain || name == "residual") {
+      throw Error(ErrorCode::kBadInput, value.loc,
+                  fmt::format("\"{}\" cannot name a class; use letters, digits, '_' and '-', and not \"residual\"", name));
+    }
+    SourceLoc loc = value.loc;
+    if (loc.column > 0) ++loc.column;  // past the opening quote
+    const std::string expression = to_text(value.value);
+    LightPathClassifier(std::vector{expression}, loc);
+    s.classes.push_back({name, expression});
+    expressions.push_back(expression);
+    locs.push_back(value.loc);
+  }
+  const LightPathClassifier classifier(expressions, locs.empty() ? SourceLoc{} : locs[0]);
+  if (!s.classes_are_decomposition) return;
+  if (const auto overlap = classifier.overlap()) {
+    throw Error(ErrorCode::kBadInput, locs[std::size_t(overlap->second)],
+                fmt::format("the classes \"{}\" and \"{}\" overlap: both hold the path {}; parts of a decomposition must not",
+                            s.classes[std::size_t(overlap->first)].name, s.classes[std::size_t(overlap->second)].name,
+                            overlap->witness));
+  }
+}
+
+/// The value under its own type if it came from TOML, converted from text if from the command line.
+void set_param(Params& params, const std::string& name, const ShotValue& value) {
+  if (value.loc.line > 0) {
+    params.set(name, value.value, value.loc);
+  } else {
+    params.set_text(name, to_text(value.value), value.loc);
+  }
+}
+
+void settle_integrator(const ShotConfig& config, const RenderDefaults& defaults, Shot& shot) {
+  shot.integrator =
+      config.find("integrator.name") ? config.get_string("integrator.name") : defaults.integrator.value_or("path");
+  const IntegratorEntry& entry = find_integrator(shot.integrator, config.loc("integrator.name"));
+  shot.params = Params(entry.params);
+  const auto takes = [&](const char* name) {
+    return std::any_of(entry.params.begin(), entry.params.end(), [&](const ParamSpec& s) { return s.name == name; });
+  };
+  if (defaults.max_depth && takes("max_depth")) shot.params.set("max_depth", *defaults.max_depth);
+  if (defaults.rr_depth && takes("rr_depth")) shot.params.set("rr_depth", *defaults.rr_depth);
+  if (defaults.hide_emitters && takes("hide_emitters")) shot.params.set("hide_emitters", *defaults.hide_emitters);
+  if (takes("null_counts_as_bounce")) shot.params.set("null_counts_as_bounce", defaults.null_counts_as_bounce);
+  for (const auto& [key, value] : config.table("integrator")) set_param(shot.params, key[0], value);
+}
+
+void replace_environment(const ShotConfig& config, Shot& shot, Scene& scene) {
+  const bool wanted = std::any_of(shot_keys().begin(), shot_keys().end(), [&](const ShotKey& k) {
+    return k.spec.name.starts_with("environment.") && config.find(k.spec.name);
+  });
+  if (!wanted) return;
+  Environment env;
+  env.name = "shot";
+  env.camera_visible = config.get_bool("environment.camera_visible");
+  shot.edits += fmt::format("environment:visible={}", env.camera_visible);
+  if (config.find("environment.radiance")) {
+    const auto c = parse_color(config.get_string("environment.radiance"));
+    if (!c || std::min({c->r, c->g, c->b}) < 0) {
+      throw Error(ErrorCode::kBadInput, config.loc("environment.radiance"),
+                  fmt::format("environment.radiance = \"{}\" is no radiance; write a number or three, from 0 up",
+                              config.get_string("environment.radiance")));
+    }
+    env.radiance = *c;
+    shot.edits += fmt::format(",radiance={},{},{}", c->r, c->g, c->b);
+  }
+  if (config.find("environment.image")) {
+    const std::string path = config.input_path("environment.image").string();
+    try {
+      const Frame frame = read_frame(path);
+      const Image& image = frame.layer("color");
+      env.width = image.width(), env.height = image.height();
+      env.image.reserve(std::size_t(image.pixels()));
+      for (int y = 0; y < env.height; ++y) {
+        for (int x = 0; x < env.width; ++x) {
+          const Rgb c = image.rgb(x, y);
+          // Overexposed or damaged pixels of captured maps; one would poison every sample of the light.
+          const auto safe = [](float v) { return std::isfinite(v) && v > 0 ? v : 0.0f; };
+          env.image.push_back({safe(c.r), safe(c.g), safe(c.b)});
+        }
+      }
+      shot.edits += fmt::format(",image={:016x}", hash_bytes(read_file(path)));
+    } catch (const Error& e) {
+      throw Error(e.code(), config.loc("environment.image"), e.what());
+    }
+  }
+  const double degrees = config.get_double("environment.rotation");
+  if (degrees != 0) {
+    Node node;
+    node.name = "shot environment";
+    node.local = AnimatedTransform(rotation(axis_angle(Vec3d{0, 1, 0}, degrees * kPiD / 180)));
+    env.node = int(scene.nodes.size());
+    scene.nodes.push_back(std::move(node));
+    shot.edits += fmt::format(",rotation={}", degrees);
+  }
+  const bool keep = config.get_bool("environment.keep");
+  shot.edits += keep ? ",keep;" : ";";
+  if (!keep) scene.environments.clear();
+  scene.environments.push_back(std::move(env));
+}
+
+void replace_materials(const ShotConfig& config, Shot& shot, Scene& scene) {
+  struct Override {
+    std::map<std::string, ParamValue> values;
+    std::map<std::string, SourceLoc> locs;
+  };
+  std::map<std::string, Override> overrides;
+  for (const auto& [key, value] : config.table("materials")) {
+    Override& o = overrides[key[0]];
+    o.values[key[1]] = value.value;
+    o.locs[key[1]] = value.loc;
+    std::string text = to_text(value.value);
+    if (std::filesystem::is_regular_file(config.input_path({text, value.loc}))) {
+      text = fmt::format("{:016x}", hash_bytes(read_file(config.input_path({text, value.loc}).string())));
+    }
+    shot.edits += fmt::format("material:{}.{}={};", key[0], key[1], text);
+  }
+  for (const auto& [name, o] : overrides) {
+    override_material(scene, name, o.values, o.locs, config.file().parent_path());
+  }
+}
+
+}  // namespace
+
+ShotConfig read_shot_config(const std::filesystem::path& file) {
+  ShotConfig config;
+  if (file.extension() == ".toml") {
+    config.read_file(file);
+    return config;
+  }
+  std::vector<std::string> extensions{".toml"};
+  for (const ImporterEntry* i : importers()) extensions.insert(extensions.end(), i->extensions.begin(), i->extensions.end());
+  std::string extension = file.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  if (std::find(extensions.begin(), extensions.end(), extension) == extensions.end()) {
+    std::error_code ignored;
+    if (!std::filesystem::exists(file, ignored)) {
+      throw Error(ErrorCode::kMissingFile, {file.string()}, "there is no such file");
+    }
+    throw Error(ErrorCode::kUnsupported, {file.string()},
+                fmt::format("\"{}\" is no scene; known: {}", extension, fmt::join(extensions, ", ")));
+  }
+  config.set_text("scene", file.string(), ShotConfig::kCommandLine());
+  return config;
+}
+
+Scene import_shot_scene(const ShotConfig& config, const ImportOptions& options, Warnings& warnings) {
+  if (!config.find("scene")) {
+    throw Error(ErrorCode::kBadInput, {config.file().string()}, "the shot names no scene; add scene = \"FILE\"");
+  }
+  ImportOptions import = options;
+  import.fps = config.get_double("fps");
+  import.animation = config.get_string("animation");
+  for (const auto& [key, value] : config.table("define")) import.defines.emplace_back(key[0], to_text(value.value));
+  const std::filesystem::path file = config.input_path("scene");
+  if (std::error_code ignored; !std::filesystem::exists(file, ignored)) {
+    // At the key that names it, if a file did.
+    const SourceLoc loc = config.loc("scene").line > 0 ? config.loc("scene") : SourceLoc{file.string()};
+    throw Error(ErrorCode::kMissingFile, loc, fmt::format("there is no scene file {}", file.string()));
+  }
+  return import_scene(file, import, warnings);
+}
+
+Shot settle_shot(const ShotConfig& config, Scene& scene) {
+  Shot shot;
+  shot.scene_file = config.input_path("scene");
+  shot.source = config.file().empty() ? shot.scene_file : config.file();
+  if (const ShotValue* stages = config.find("stages"); stages && !std::get<std::string>(stages->value).empty()) {
+    throw Error(ErrorCode::kUnknownName, stages->loc,
+                fmt::format("unknown stage \"{}\"; this version has no stages", std::get<std::string>(stages->value)));
+  }
+
+  RenderSettings& s = shot.settings;
+  settle_film(config, scene.defaults, s);
+  settle_clock(config, scene.defaults, s.clock);
+  s.camera = find_camera(config, scene);
+  s.spp = config.find("sampling.spp") ? config.get_int("sampling.spp") : scene.defaults.spp.value_or(s.spp);
+  s.seed = std::uint64_t(config.get_int("sampling.seed"));
+  s.seed_per_frame = config.get_bool("sampling.seed_per_frame");
+  const std::string sampler =
+      config.find("sampling.sampler") ? config.get_string("sampling.sampler") : scene.defaults.sampler.value_or("sobol");
+  s.sampler = sampler == "independent" ? SamplerKind::kIndependent : SamplerKind::kSobol;
+  s.layers.clear();
+  for (const LayerDesc& d : parse_layer_names(config.get_string("output.layers"), config.loc("output.layers"))) {
+    s.layers.push_back(d.name);
+  }
+  if (std::find(s.layers.begin(), s.layers.end(), "color") == s.layers.end()) s.layers.insert(s.layers.begin(), "color");
+  s.cryptomatte_depth = config.get_int("output.cryptomatte_depth");
+  settle_classes(config, s);
+  settle_integrator(config, scene.defaults, shot);
+
+  shot.frames = find_frames(config, scene, s.clock);
+  shot.output = config.get_string("output.path");
+  shot.write.compression = parse_compression(config.get_string("output.compression"));
+  shot.write.half = config.get_bool("output.half");
+  shot.write.names = parse_aov_names(config.get_string("output.aov_names"));
+  shot.motion_segments = config.get_int("motion_segments");
+  shot.video_path = config.get_string("video.path");
+  shot.video.fps = config.get_double("video.fps") > 0 ? config.get_double("video.fps") : s.clock.fps;
+  shot.video.codec = config.get_string("video.codec");
+  shot.video.crf = config.get_int("video.crf");
+  shot.video.layer = config.get_string("video.layer");
+  shot.video.display.exposure = float(config.get_double("video.exposure"));
+  shot.video.display.tone_map = parse_tone_map(config.get_string("video.tone_map"));
+  replace_environment(config, shot, scene);
+  replace_materials(config, shot, scene);
+
+  // Which layers an integrator can write is its own knowledge; ask it before a ray is traced.
+  find_integrator(shot.integrator).make(shot.params)->outputs(s);
+  return shot;
+}
+
+LoadedShot load_shot(const ShotConfig& config, const ImportOptions& options, Warnings& warnings) {
+  LoadedShot loaded;
+  loaded.scene = import_shot_scene(config, options, warnings);
+  loaded.shot = settle_shot(config, loaded.scene);
+  return loaded;
+}
+
+std::string fingerprint(const Shot& shot, const Scene& scene, int frame) {
+  const WriteOptions& w = shot.write;
+  return hash_hex(fmt::format("{};{:016x};{};{};{}:{};motion={};frame={};half={};names={};lossy={}", TEMPERA_VERSION,
+                              scene.content_hash, shot.edits, shot.settings.canonical(), shot.integrator,
+                              shot.params.canonical(), shot.motion_segments, frame, w.half, int(w.names),
+                              w.compression == Compression::kDwaa));
+}
+
+}  // namespace tempera

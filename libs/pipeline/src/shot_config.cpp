@@ -1,0 +1,251 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/pipeline/shot_config.h"
+
+#include <fmt/format.h>
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <limits>
+
+#include "tempera/frames/files.h"
+
+namespace tempera {
+
+std::string join_key(const KeyPath& key) {
+  std::string s;
+  for (const std::string& part : key) {
+    const bool plain = !part.empty() && std::all_of(part.begin(), part.end(), [](unsigned char c) {
+      return std::isalnum(c) || c == '_' || c == '-';
+    });
+    if (!s.empty()) s += '.';
+    s += plain ? part : fmt::format("\"{}\"", part);
+  }
+  return s;
+}
+
+KeyPath parse_key(std::string_view text, const SourceLoc& loc) {
+  const auto fail = [&] {
+    return Error(ErrorCode::kSyntax, loc,
+                 fmt::format("cannot read the key \"{}\"; write for example film.resolution or materials.\"My Glass\".ior",
+                             text));
+  };
+  KeyPath key;
+  std::string_view rest = text;
+  for (;;) {
+    std::string part;
+    if (rest.starts_with('"')) {
+      const auto end = rest.find('"', 1);
+      if (end == std::string_view::npos) throw fail();
+      part = rest.substr(1, end - 1);
+      rest.remove_prefix(end + 1);
+    } else {
+      const auto end = std::min(rest.find('.'), rest.size());
+      part = rest.substr(0, end);
+      rest.remove_prefix(end);
+    }
+    if (part.empty()) throw fail();
+    key.push_back(std::move(part));
+    if (rest.empty()) return key;
+    if (rest.front() != '.') throw fail();
+    rest.remove_prefix(1);
+  }
+}
+
+namespace {
+
+const ShotKey* find_key(const std::string& dotted) {
+  for (const ShotKey& k : shot_keys()) {
+    if (k.spec.name == dotted) return &k;
+  }
+  return nullptr;
+}
+
+const OpenTable* find_table(const std::string& name) {
+  for (const OpenTable& t : shot_tables()) {
+    if (t.name == name) return &t;
+  }
+  return nullptr;
+}
+
+std::string known_keys(const std::string& wanted) {
+  std::vector<std::string> names;
+  for (const ShotKey& k : shot_keys()) names.push_back(k.spec.name);
+  for (const OpenTable& t : shot_tables()) {
+    names.push_back(fmt::format("{}.<{}>{}", t.name, t.key_name, t.depth == 2 ? ".<parameter>" : ""));
+  }
+  return nearest_names(wanted, names, 5);
+}
+
+SourceLoc place(const std::string& file, const toml::source_region& region) {
+  return {file, int(region.begin.line), int(region.begin.column)};
+}
+
+const char* kind(const toml::node& node) {
+  switch (node.type()) {
+    case toml::node_type::table: return "table";
+    case toml::node_type::array: return "array";
+    case toml::node_type::date:
+    case toml::node_type::time:
+    case toml::node_type::date_time: return "date or time";
+    default: return "value";
+  }
+}
+
+/// A scalar as it is. Errors: Error{kBadInput | kOutOfRange} at `loc`.
+ParamValue scalar(const toml::node& node, const std::string& key, const SourceLoc& loc) {
+  if (const auto* v = node.as_string()) return v->get();
+  if (const auto* v = node.as_boolean()) return v->get();
+  if (const auto* v = node.as_floating_point()) return v->get();
+  if (const auto* v = node.as_integer()) {
+    if (v->get() < std::numeric_limits<int>::min() || v->get() > std::numeric_limits<int>::max()) {
+      throw Error(ErrorCode::kOutOfRange, loc, fmt::format("{} = {} does not fit into 32 bits", key, v->get()));
+    }
+    return int(v->get());
+  }
+  throw Error(ErrorCode::kBadInput, loc, fmt::format("{} is a {}; expected a number, a string or a bool", key, kind(node)));
+}
+
+/// The elements joined by ',': the text that the command line would have.
+std::string joined(const toml::array& array, const std::string& key, const std::string& file) {
+  std::string text;
+  for (const toml::node& element : array) {
+    if (!text.empty()) text += ',';
+    text += to_text(scalar(element, key, place(file, element.source())));
+  }
+  return text;
+}
+
+}  // namespace
+
+void ShotConfig::read_file(const std::filesystem::path& file) {
+  read_text(tempera::read_file(file.string()), file.string(), file.parent_path());
+  file_ = file;
+}
+
+void ShotConfig::read_text(std::string_view text, const std::string& file, const std::filesystem::path& folder) {
+  folder_ = folder;
+  toml::table root;
+  try {
+    root = toml::parse(text, file);
+  } catch (const toml::parse_error& e) {
+    throw Error(ErrorCode::kSyntax, place(file, e.source()), std::string(e.description()));
+  }
+  const auto visit = [&](auto&& self, const toml::table& table, const KeyPath& prefix) -> void {
+    for (const auto& [name, node] : table) {
+      KeyPath key = prefix;
+      key.emplace_back(name.str());
+      const SourceLoc key_loc = place(file, name.source()), loc = place(file, node.source());
+      const OpenTable* open = find_table(key[0]);
+      if (const auto* inner = node.as_table();
+          inner && (open || key.size() == 1) && key.size() <= std::size_t(open ? open->depth : 1)) {
+        if (!open && std::none_of(shot_keys().begin(), shot_keys().end(), [&](const ShotKey& k) {
+              return k.spec.name.starts_with(key[0] + ".");
+            })) {
+          throw Error(ErrorCode::kUnknownName, key_loc,
+                      fmt::format("unknown table [{}]; known keys: {}", join_key(key), known_keys(join_key(key))));
+        }
+        self(self, *inner, key);
+        continue;
+      }
+      const std::string dotted = join_key(key);
+      if (const auto* array = node.as_array()) {
+        const ShotKey* fixed = find_key(dotted);
+        if ((fixed && !fixed->list) || (!fixed && !open)) {
+          if (!fixed) set(key, std::string(), true, loc, key_loc);  // reports the unknown key
+          throw Error(ErrorCode::kBadInput, loc, fmt::format("{} is an array; expected a {}", dotted, type_name(fixed->spec.fallback)));
+        }
+        set(key, joined(*array, dotted, file), false, loc, key_loc);
+      } else if (node.is_table()) {
+        throw Error(ErrorCode::kUnknownName, key_loc,
+                    fmt::format("unknown table [{}]; known keys: {}", dotted, known_keys(dotted)));
+      } else {
+        set(key, scalar(node, dotted, loc), false, loc, key_loc);
+      }
+    }
+  };
+  visit(visit, root, {});
+}
+
+void ShotConfig::set(const KeyPath& key, const ParamValue& value, bool as_text, const SourceLoc& loc,
+                     const SourceLoc& key_loc) {
+  const std::string dotted = join_key(key);
+  if (const ShotKey* fixed = find_key(dotted)) {
+    Params check(std::span(&fixed->spec, 1));
+    // A list of one number may be written without brackets.
+    const bool number = fixed->list && !std::holds_alternative<std::string>(value);
+    if (as_text || number) {
+      check.set_text(dotted, to_text(value), loc);
+    } else {
+      check.set(dotted, value, loc);
+    }
+    ShotValue& out = values_[key];
+    out.loc = loc;
+    switch (fixed->spec.fallback.index()) {
+      case 0: out.value = check.get_bool(dotted); break;
+      case 1: out.value = check.get_int(dotted); break;
+      case 2: out.value = check.get_double(dotted); break;
+      default: out.value = check.get_string(dotted);
+    }
+    return;
+  }
+  const OpenTable* open = find_table(key[0]);
+  if (!open || key.size() != std::size_t(open->depth) + 1) {
+    throw Error(ErrorCode::kUnknownName, key_loc, fmt::format("unknown key \"{}\"; known: {}", dotted, known_keys(dotted)));
+  }
+  values_[key] = {value, loc};
+}
+
+void ShotConfig::set_text(const std::string& key, const std::string& text, const SourceLoc& loc) {
+  set(parse_key(key, loc), text, true, loc, loc);
+}
+
+void ShotConfig::assign(const std::string& assignment, const SourceLoc& loc) {
+  // The first '=' outside of quotes: names of materials may hold one.
+  bool quoted = false;
+  for (std::size_t i = 0; i < assignment.size(); ++i) {
+    if (assignment[i] == '"') quoted = !quoted;
+    if (assignment[i] == '=' && !quoted && i > 0) return set_text(assignment.substr(0, i), assignment.substr(i + 1), loc);
+  }
+  throw Error(ErrorCode::kUsage, loc, fmt::format("\"{}\" is not of the form key=value", assignment));
+}
+
+const ShotValue* ShotConfig::find(const std::string& key) const {
+  const auto it = values_.find(parse_key(key));
+  return it == values_.end() ? nullptr : &it->second;
+}
+
+std::map<KeyPath, ShotValue> ShotConfig::table(const std::string& name) const {
+  std::map<KeyPath, ShotValue> out;
+  for (const auto& [key, value] : values_) {
+    if (key[0] == name && key.size() > 1 && !find_key(join_key(key))) out[KeyPath(key.begin() + 1, key.end())] = value;
+  }
+  return out;
+}
+
+const ParamValue& ShotConfig::fallback(const std::string& key) {
+  const ShotKey* k = find_key(key);
+  TEMPERA_ASSERT(k);
+  return k->spec.fallback;
+}
+
+const ParamValue& ShotConfig::get(const std::string& key) const {
+  const ShotValue* v = find(key);
+  return v ? v->value : fallback(key);
+}
+
+SourceLoc ShotConfig::loc(const std::string& key) const {
+  const ShotValue* v = find(key);
+  return v ? v->loc : SourceLoc{};
+}
+
+std::filesystem::path ShotConfig::input_path(const ShotValue& value) const {
+  const std::filesystem::path path = std::get<std::string>(value.value);
+  return value.loc.line > 0 ? folder_ / path : path;  // only files have lines
+}
+
+std::filesystem::path ShotConfig::input_path(const std::string& key) const {
+  const ShotValue* v = find(key);
+  return v ? input_path(*v) : std::filesystem::path(std::get<std::string>(fallback(key)));
+}
+
+}  // namespace tempera

@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: Apache-2.0
+// The keys of shot.toml. What stands here is what --help, docs/shot.md and the parser know.
+#include "tempera/pipeline/shot_config.h"
+
+namespace tempera {
+
+namespace {
+constexpr double kMany = 1e300;
+
+const std::vector<ShotKey>& keys() {
+  static const std::vector<ShotKey> table = {
+      // clang-format off
+      {{"scene", "", "scene file: Mitsuba XML or glTF; relative to shot.toml"}, "", "FILE", "the file given"},
+      {{"camera", "", "camera, by name or by index from 0"}, "--camera", "NAME", "the scene's first or active one"},
+      {{"animation", "", "glTF: the one animation to play"}, "--animation", "NAME", "all of them together"},
+      {{"frames", "", "frames to render, e.g. 1-24, 1..24, 1-100x2, 1-100:2 or a comma list of those"}, "-f,--frames", "SET",
+       "the frames that the scene's animation covers; else first_frame", true},
+      {{"fps", 24.0, "frames per second", 1e-3, 1e6}, "--fps", "N"},
+      {{"first_frame", 0, "number of the frame that stands at `start`", -1e9, 1e9}, "", "N"},
+      {{"start", 0.0, "time of `first_frame` on the scene's axis, seconds", -1e9, 1e9}, "", "SECONDS",
+       "the scene's start of exposure, else 0"},
+      {{"motion_segments", 4, "pieces of a frame between which motion is interpolated", 1, 32}, "", "N"},
+      {{"stages", "", "stages to run on the frames, in this order"}, "", "NAMES", "none", true},
+
+      {{"shutter.open", 0.0, "start of exposure, in frames from the frame's time", -10, 10}, "", "FRAMES", "the scene's, else 0"},
+      {{"shutter.close", 0.5, "end of exposure; as `open` for no motion blur", -10, 10}, "", "FRAMES", "the scene's, else 0.5"},
+      {{"shutter.shape", "box", "transmittance over the exposure", -kMany, kMany, {"box", "trapezoid", "curve"}}, "", "SHAPE"},
+      {{"shutter.ramp_in", 0.25, "trapezoid: part of the exposure spent opening", 0, 1}, "", "FRACTION"},
+      {{"shutter.ramp_out", 0.25, "trapezoid: part of the exposure spent closing", 0, 1}, "", "FRACTION"},
+      {{"shutter.curve", "", "curve: transmittance at equally spaced times"}, "", "NUMBERS", "", true},
+      {{"shutter.rolling", 0.0, "delay of the last scan line against the first, in frames", -10, 10}, "", "FRAMES"},
+
+      {{"film.resolution", "", "width and height of the picture in pixels"}, "--resolution", "WxH", "the scene's, else 1280x720", true},
+      {{"film.scale", 100.0, "percentage of the resolution that is rendered", 0.1, 1000}, "--resolution-scale", "PERCENT"},
+      {{"film.crop", "", "part of the picture to render: left, top, width, height in pixels of the full resolution"}, "--crop", "X,Y,W,H",
+       "the scene's, else the whole picture", true},
+      {{"film.filter", "box", "pixel filter", -kMany, kMany, {"box", "tent", "gaussian", "mitchell", "blackman_harris"}},
+       "--filter", "NAME[:RADIUS]", "the scene's, else box"},
+      {{"film.filter_radius", 0.0, "radius of the filter in pixels; 0: the filter's usual one", 0, 16}, "", "PIXELS"},
+
+      {{"sampling.spp", 64, "samples per pixel", 1, 1 << 24}, "--spp", "N", "the scene's, else 64"},
+      {{"sampling.seed", 0, "seed of all random numbers", 0, kMany}, "--seed", "N"},
+      {{"sampling.seed_per_frame", true, "false: every frame has the same noise pattern"}, "", ""},
+      {{"sampling.sampler", "sobol", "random numbers", -kMany, kMany, {"sobol", "independent"}}, "--sampler", "NAME"},
+
+      {{"integrator.name", "path", "integrator; its parameters stand beside this key"}, "--integrator", "NAME", "the scene's, else path"},
+
+      {{"output.path", "", "frame files, relative to the current directory; #### stands for the frame number"}, "-o,--output", "PATTERN"},
+      {{"output.layers", "color", "layers to write beside color; `tempera list layers` names them"}, "--layers", "A,B,C", "", true},
+      {{"output.aov_names", "tempera", "whose names the layers get in the file", -kMany, kMany,
+        {"tempera", "blender", "arnold", "renderman", "pbrt"}}, "--aov-names", "NAME"},
+      {{"output.compression", "zip", "EXR compression", -kMany, kMany, {"none", "rle", "zips", "zip", "piz", "dwaa"}}, "", "NAME"},
+      {{"output.half", false, "16-bit floats for radiance and reflectance layers"}, "--half", ""},
+      {{"output.cryptomatte_depth", 6, "objects that cryptomatte keeps per pixel", 2, 16}, "", "N"},
+
+      {{"environment.image", "", "latitude-longitude image that lights the scene, in place of the scene's own environment"}, "", "FILE"},
+      {{"environment.radiance", "", "constant radiance, or factor of the image: a number or three"}, "", "RGB", "1 if any key of this table is given", true},
+      {{"environment.rotation", 0.0, "turn about the vertical axis in degrees, counterclockwise from above", -kMany, kMany}, "", "DEGREES"},
+      {{"environment.camera_visible", true, "whether the camera sees it"}, "", ""},
+      {{"environment.keep", false, "add to the scene's own environment instead of replacing it"}, "", ""},
+
+      {{"video.path", "", "movie that `tempera run` makes of the frames, relative to the current directory"}, "", "FILE"},
+      {{"video.fps", 0.0, "frame rate of the movie; 0: that of the shot", 0, 1000}, "", "N"},
+      {{"video.codec", "auto", "auto (by the file's ending), h264, hevc, vp9, av1 or ffv1", -kMany, kMany,
+        {"auto", "h264", "hevc", "vp9", "av1", "ffv1"}}, "", "NAME"},
+      {{"video.crf", 18, "quality: 0 (best) to 51", 0, 51}, "", "N"},
+      {{"video.layer", "color", "layer to show"}, "", "NAME"},
+      {{"video.exposure", 0.0, "stops: values are multiplied by 2^exposure", -64, 64}, "", "STOPS"},
+      {{"video.tone_map", "srgb", "from linear to display values", -kMany, kMany, {"srgb", "filmic", "none"}}, "", "NAME"},
+      // clang-format on
+  };
+  return table;
+}
+}  // namespace
+
+std::span<const ShotKey> shot_keys() { return keys(); }
+
+std::span<const OpenTable> shot_tables() {
+  static const std::vector<OpenTable> tables = {
+      {"integrator", "parameter", "parameters of the integrator; `tempera list integrators` names them"},
+      {"classes", "name", "light-path classes to write as layers class.<name>.color: name = \"expression\""},
+      {"decompose", "name", "as classes, but checked to be disjoint; with the layer class.residual.color they add up to color"},
+      {"define", "name", "values of the scene file's own parameters (Mitsuba's $name)"},
+      {"materials", "material", "materials that replace those of this name in the scene: type and its parameters", 2},
+  };
+  return tables;
+}
+
+}  // namespace tempera

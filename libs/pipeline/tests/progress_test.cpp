@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/pipeline/progress.h"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+namespace tempera {
+namespace {
+
+/// What a two-frame render with one frame skipped prints.
+std::string transcript(ProgressKind kind) {
+  testing::internal::CaptureStdout();
+  testing::internal::CaptureStderr();
+  {
+    RenderSettings settings;
+    RenderPlan plan;
+    plan.frames = {1, 2};
+    plan.skipped = 1;
+    plan.tiles = 2;
+    plan.settings = &settings;
+    plan.layers = {layers::color()};
+    const auto progress = make_progress(kind);
+    const Frame picture(4, 4);
+    progress->begin(plan);
+    RenderReport report;
+    for (const int f : plan.frames) {
+      progress->frame_begin(f, picture, 0);
+      RenderTotals tile;
+      tile.samples = 100;
+      progress->tile_done(f, picture, {0, 0, 2, 4}, tile);
+      progress->tile_done(f, picture, {2, 0, 4, 4}, tile);
+      FrameReport done{f, "out/\"f\".exr", 1.5, tile};
+      progress->frame_end(done);
+      report.frames.push_back(done);
+    }
+    progress->end(report);
+  }
+  return testing::internal::GetCapturedStdout() + "\n--\n" + testing::internal::GetCapturedStderr();
+}
+
+TEST(Progress, JsonIsOneObjectPerLine) {
+  std::istringstream lines(transcript(ProgressKind::kJson));
+  std::vector<nlohmann::json> events;
+  for (std::string line; std::getline(lines, line) && !line.empty();) events.push_back(nlohmann::json::parse(line));
+  std::vector<std::string> kinds;
+  for (const auto& e : events) kinds.push_back(e.at("event"));
+  EXPECT_EQ(kinds, (std::vector<std::string>{"start", "frame", "done", "frame", "done", "end"}));
+  EXPECT_EQ(events[0].at("frames"), (std::vector<int>{1, 2}));
+  EXPECT_EQ(events[0].at("skipped"), 1);
+  EXPECT_EQ(events[2].at("path"), "out/\"f\".exr");
+  EXPECT_EQ(events[2].at("samples"), 100);
+  EXPECT_EQ(events[5].at("frames"), 2);
+}
+
+TEST(Progress, OpenJobDescriptionLines) {
+  const std::string text = transcript(ProgressKind::kOpenJd);
+  EXPECT_EQ(text.find("openjd_progress: 0\n"), 0u) << text;
+  EXPECT_NE(text.find("openjd_status: frame 2 (2 of 2)\n"), std::string::npos) << text;
+  EXPECT_NE(text.find("openjd_progress: 100.00\n"), std::string::npos) << text;
+}
+
+TEST(Progress, PlainLinesWhereThereIsNoTerminal) {
+  for (const ProgressKind kind : {ProgressKind::kPlain, ProgressKind::kTty, ProgressKind::kAuto}) {
+    const std::string text = transcript(kind);
+    EXPECT_NE(text.find("--\nframe 1 done: seconds=1.500 samples=100 rays=0 path=out/\"f\".exr\nframe 2 done:"), std::string::npos)
+        << text;
+    EXPECT_EQ(text.find('\033'), std::string::npos) << "no bar in a file";
+  }
+  EXPECT_EQ(transcript(ProgressKind::kNone), "\n--\n");
+}
+
+TEST(Progress, HarmlessLinesDoNotSayError) {
+  for (const ProgressKind kind : {ProgressKind::kPlain, ProgressKind::kJson, ProgressKind::kOpenJd}) {
+    EXPECT_EQ(transcript(kind).find("rror"), std::string::npos);
+  }
+}
+
+TEST(Progress, RefusesUnknownKinds) {
+  EXPECT_EQ(parse_progress("json"), ProgressKind::kJson);
+  EXPECT_THROW(parse_progress("xml"), Error);
+}
+
+}  // namespace
+}  // namespace tempera

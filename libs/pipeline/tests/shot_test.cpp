@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/pipeline/shot.h"
+
+#include <gtest/gtest.h>
+
+#include "tempera/pipeline/materials.h"
+
+namespace tempera {
+namespace {
+
+/// A scene of one quad with what a scene file may ask for.
+Scene scene() {
+  Scene s;
+  s.source = "scene.xml";
+  s.content_hash = 42;
+  s.shapes.push_back({make_rectangle(), make_diffuse(), std::nullopt, "quad", "Paint"});
+  s.groups = {{0}};
+  s.instances.push_back({});
+  s.cameras.resize(2);
+  s.cameras[0].name = "near";
+  s.cameras[1].name = "far";
+  s.environments.resize(1);
+  return s;
+}
+
+Shot settle(const std::string& toml, Scene& s) {
+  ShotConfig c;
+  c.read_text("scene = \"scene.xml\"\n" + toml, "shot.toml", ".");
+  return settle_shot(c, s);
+}
+Shot settle(const std::string& toml) {
+  Scene s = scene();
+  return settle(toml, s);
+}
+
+Error error_of(const std::string& toml) {
+  try {
+    settle(toml);
+  } catch (const Error& e) {
+    return e;
+  }
+  return Error(ErrorCode::kFailed, "nothing was thrown");
+}
+
+TEST(Shot, BuiltInDefaults) {
+  const Shot shot = settle("");
+  EXPECT_EQ(shot.settings.width, 1280);
+  EXPECT_EQ(shot.settings.height, 720);
+  EXPECT_EQ(shot.settings.spp, 64);
+  EXPECT_EQ(shot.settings.clock.fps, 24);
+  EXPECT_EQ(shot.settings.clock.shutter.close, 0.5);
+  EXPECT_EQ(shot.frames, std::vector<int>{0});
+  EXPECT_EQ(shot.integrator, "path");
+  EXPECT_EQ(shot.settings.layers, std::vector<std::string>{"color"});
+}
+
+TEST(Shot, SceneFileThenShotThenCommandLine) {
+  Scene s = scene();
+  s.defaults.width = 100, s.defaults.height = 50;
+  s.defaults.spp = 7;
+  s.defaults.max_depth = 5;
+  s.defaults.rr_depth = 9;
+  s.defaults.filter = "gaussian";
+  s.defaults.filter_radius = 1.25;
+  const Shot from_scene = settle("", s);
+  EXPECT_EQ(from_scene.settings.width, 100);
+  EXPECT_EQ(from_scene.settings.spp, 7);
+  EXPECT_EQ(from_scene.params.get_int("max_depth"), 5);
+  EXPECT_EQ(from_scene.settings.filter.kind(), FilterKind::kGaussian);
+  EXPECT_EQ(from_scene.settings.filter.radius(), 1.25f);
+
+  ShotConfig c;
+  c.read_text("scene=\"scene.xml\"\n[sampling]\nspp=8\n[film]\nfilter=\"tent\"\n[integrator]\nmax_depth=6\n", "shot.toml", ".");
+  const Shot from_shot = settle_shot(c, s);
+  EXPECT_EQ(from_shot.settings.spp, 8);
+  EXPECT_EQ(from_shot.settings.width, 100);
+  EXPECT_EQ(from_shot.params.get_int("max_depth"), 6);
+  EXPECT_EQ(from_shot.params.get_int("rr_depth"), 9);
+  EXPECT_EQ(from_shot.settings.filter.radius(), 1.0f) << "the tent's own, not the scene's";
+
+  c.set_text("sampling.spp", "9");
+  c.set_text("integrator.max_depth", "3");
+  const Shot from_line = settle_shot(c, s);
+  EXPECT_EQ(from_line.settings.spp, 9);
+  EXPECT_EQ(from_line.params.get_int("max_depth"), 3);
+}
+
+TEST(Shot, FramesFollowTheAnimation) {
+  Scene s = scene();
+  s.animation = {1.0 / 24, 1.0};  // as Blender writes it: no key at 0
+  EXPECT_EQ(settle("", s).frames.front(), 1);
+  EXPECT_EQ(settle("", s).frames.back(), 24);
+  EXPECT_EQ(settle("fps = 12\n", s).frames.size(), 12u);
+  EXPECT_EQ(settle("first_frame = 1001\nstart = 0.5\n", s).frames.front(), 990);
+  EXPECT_EQ(settle("frames = \"3,1-2\"\n", s).frames, (std::vector<int>{3, 1, 2}));
+  s.defaults.exposure = TimeSpan{0.25, 0.5};
+  const Shot still = settle("", s);
+  EXPECT_EQ(still.frames, std::vector<int>{0}) << "absolute shutter times mean one picture";
+  EXPECT_EQ(still.settings.clock.exposure(0), (TimeSpan{0.25, 0.5}));
+}
+
+TEST(Shot, CropAndScale) {
+  const Shot shot = settle("[film]\nresolution = [400, 200]\ncrop = [100, 50, 40, 20]\nscale = 50\n");
+  EXPECT_EQ(shot.settings.width, 200);
+  EXPECT_EQ(shot.settings.height, 100);
+  EXPECT_EQ(shot.settings.x0(), 50);
+  EXPECT_EQ(shot.settings.y1(), 35);
+}
+
+TEST(Shot, CameraByNameOrIndex) {
+  EXPECT_EQ(settle("camera = \"far\"\n").settings.camera, 1);
+  EXPECT_EQ(settle("camera = \"1\"\n").settings.camera, 1);
+  const Error e = error_of("camera = \"fra\"\n");
+  EXPECT_EQ(e.code(), ErrorCode::kUnknownName);
+  EXPECT_EQ(e.loc().line, 2);
+  EXPECT_NE(e.message().find("1 (far)"), std::string::npos) << e.what();
+}
+
+struct Bad {
+  const char* toml;
+  ErrorCode code;
+  int line;
+  const char* says;
+};
+class ShotErrors : public testing::TestWithParam<Bad> {};
+TEST_P(ShotErrors, StandAtTheValue) {
+  const Error e = error_of(GetParam().toml);
+  EXPECT_EQ(e.code(), GetParam().code) << e.what();
+  EXPECT_EQ(e.loc().line, GetParam().line) << e.what();
+  EXPECT_NE(e.message().find(GetParam().says), std::string::npos) << e.what();
+}
+INSTANTIATE_TEST_SUITE_P(
+    All, ShotErrors,
+    testing::Values(
+        Bad{"[film]\nresolution = [0, 5]\n", ErrorCode::kOutOfRange, 3, "65536"},
+        Bad{"[film]\nresolution = \"1280by720\"\n", ErrorCode::kBadInput, 3, "1280x720"},
+        Bad{"[film]\nresolution = [1, 2, 3]\n", ErrorCode::kBadInput, 3, "1280x720"},
+        Bad{"[film]\nresolution = [10, 10]\ncrop = [8, 0, 4, 4]\n", ErrorCode::kOutOfRange, 4, "not inside"},
+        Bad{"frames = \"5-1\"\n", ErrorCode::kBadInput, 2, "backwards"},
+        Bad{"[shutter]\nopen = 1\nclose = 0\n", ErrorCode::kOutOfRange, 4, "before it opens"},
+        Bad{"[shutter]\nshape = \"curve\"\n", ErrorCode::kOutOfRange, 3, "two numbers"},
+        Bad{"[shutter]\nramp_in = 0.7\nramp_out = 0.7\n", ErrorCode::kOutOfRange, 4, "more than 1"},
+        Bad{"[integrator]\nname = \"pathh\"\n", ErrorCode::kUnknownName, 3, "path"},
+        Bad{"[integrator]\nmax_dept = 3\n", ErrorCode::kUnknownName, 3, "max_depth"},
+        Bad{"[integrator]\nmax_depth = 2.5\n", ErrorCode::kBadInput, 3, "integer"},
+        Bad{"[output]\nlayers = [\"albdo\"]\n", ErrorCode::kUnknownName, 3, "albedo"},
+        Bad{"[classes]\ndd = \"ED(\"\n", ErrorCode::kSyntax, 3, ""},
+        Bad{"[classes]\nresidual = \"ED\"\n", ErrorCode::kBadInput, 3, "residual"},
+        Bad{"[classes]\na = \"ED\"\n[decompose]\nb = \"ER\"\n", ErrorCode::kBadInput, 5, "together"},
+        Bad{"[decompose]\na = \"ED.*\"\nb = \"E[DR]\"\n", ErrorCode::kBadInput, 4, "\"a\" and \"b\" overlap"},
+        Bad{"[environment]\nradiance = \"blue\"\n", ErrorCode::kBadInput, 3, "three"},
+        Bad{"[environment]\nimage = \"none.hdr\"\n", ErrorCode::kMissingFile, 3, "none.hdr"},
+        Bad{"[materials.Pait]\ntype = \"diffuse\"\n", ErrorCode::kUnknownName, 3, "it has: Paint"},
+        Bad{"[materials.Paint]\nreflectance = 1\n", ErrorCode::kBadInput, 3, "needs a type"},
+        Bad{"[materials.Paint]\ntype = \"difuse\"\n", ErrorCode::kUnknownName, 3, "diffuse"},
+        Bad{"[materials.Paint]\ntype = \"diffuse\"\nior = 2\n", ErrorCode::kUnknownName, 4, "reflectance"},
+        Bad{"[materials.Paint]\ntype = \"diffuse\"\nreflectance = \"red\"\n", ErrorCode::kBadInput, 4, "neither a color"},
+        Bad{"stages = [\"denoise\"]\n", ErrorCode::kUnknownName, 2, "no stages"}));
+
+TEST(Shot, ReplacesEnvironmentAndMaterials) {
+  Scene s = scene();
+  settle("[environment]\nradiance = [1, 2, 3]\nrotation = 90\n"
+         "[materials.Paint]\ntype = \"diffuse\"\nreflectance = \"#ff0000\"\nemission = 2.5\nopacity = 0.25\n", s);
+  ASSERT_EQ(s.environments.size(), 1u);
+  EXPECT_EQ(s.environments[0].radiance.at(0), (Rgb{1, 2, 3}));
+  const Vec3d turned = s.world(s.environments[0].node, 0).vector({0, 0, 1});
+  EXPECT_NEAR(turned.x, 1, 1e-12) << "counterclockwise from above: z turns to x";
+  ASSERT_TRUE(s.shapes[0].emission);
+  EXPECT_EQ(s.shapes[0].emission->radiance.mean(), Rgb(2.5f));
+  EXPECT_EQ(s.shapes[0].material->opacity({}), 0.25f);
+  Scene kept = scene();
+  settle("[environment]\nradiance = 1\nkeep = true\n", kept);
+  EXPECT_EQ(kept.environments.size(), 2u);
+}
+
+TEST(Shot, FingerprintChangesWithWhatChangesPixelsOnly) {
+  Scene s = scene();
+  const Shot base = settle("", s);
+  const std::string print = fingerprint(base, s, 1);
+  EXPECT_EQ(print.size(), 32u);
+  EXPECT_NE(fingerprint(base, s, 2), print);
+  EXPECT_NE(fingerprint(settle("[sampling]\nspp = 65\n", s), s, 1), print);
+  EXPECT_NE(fingerprint(settle("[integrator]\nmax_depth = 3\n", s), s, 1), print);
+  EXPECT_NE(fingerprint(settle("[output]\nhalf = true\n", s), s, 1), print);
+  EXPECT_NE(fingerprint(settle("motion_segments = 8\n", s), s, 1), print);
+  Scene lit = scene();
+  EXPECT_NE(fingerprint(settle("[environment]\nradiance = 2\n", lit), lit, 1), print);
+  Scene changed = scene();
+  changed.content_hash = 43;
+  EXPECT_NE(fingerprint(settle("", changed), changed, 1), print);
+  EXPECT_EQ(fingerprint(settle("frames = \"1-9\"\n[output]\npath = \"a.exr\"\n[video]\npath = \"b.mp4\"\n", s), s, 1), print);
+}
+
+TEST(Materials, EveryTypeHasWorkingDefaults) {
+  for (const MaterialEntry& e : material_catalog()) {
+    Scene s = scene();
+    override_material(s, "Paint", {{"type", e.name}}, {{"type", {}}}, ".");
+    ASSERT_TRUE(s.shapes[0].material) << e.name;
+    ShadingPoint p;
+    p.wo = {0, 0, 1};
+    Bsdf bsdf;
+    s.shapes[0].material->add_lobes(p, 1, bsdf);
+    EXPECT_FALSE(bsdf.empty()) << e.name;
+  }
+}
+
+TEST(Materials, ReadsColors) {
+  EXPECT_EQ(parse_color("0.5"), Rgb(0.5f));
+  EXPECT_EQ(parse_color(" 1, 2 ,3 "), (Rgb{1, 2, 3}));
+  EXPECT_EQ(parse_color("#ffffff"), Rgb(1.0f));
+  EXPECT_NEAR(parse_color("#808080")->g, 0.2158605f, 1e-6f) << "sRGB";
+  for (const char* bad : {"", "a", "1,2", "1,2,3,4", "#fff", "#12345g", "1,,2", "nan", "1;2;3"}) EXPECT_FALSE(parse_color(bad)) << bad;
+}
+
+}  // namespace
+}  // namespace tempera

@@ -1,0 +1,397 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "image.h"
+
+#include <OpenImageIO/filesystem.h>
+#include <OpenImageIO/half.h>
+#include <OpenImageIO/imagecache.h>
+#include <OpenImageIO/imageio.h>
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cstring>
+#include <map>
+#include <mutex>
+
+namespace tempera {
+
+Image::~Image() = default;
+void Image::page_block(int, int, int, int, int, Texel*) const {}
+void Image::page_size(int, int& w, int& h) const { w = width, h = height; }
+
+float half_to_float(std::uint16_t h) {
+  half v;
+  v.setBits(h);
+  return v;
+}
+std::uint16_t float_to_half(float f) { return half(std::clamp(f, -65504.0f, 65504.0f)).bits(); }
+
+const std::array<float, 256>& byte_table(bool srgb) {
+  static const auto tables = [] {
+    std::array<std::array<float, 256>, 2> t;
+    for (int i = 0; i < 256; ++i) {
+      t[0][std::size_t(i)] = float(i) * (1.0f / 255.0f);
+      t[1][std::size_t(i)] = srgb_to_linear(float(i) * (1.0f / 255.0f));
+    }
+    return t;
+  }();
+  return tables[srgb];
+}
+
+namespace {
+
+std::atomic<std::size_t> image_budget{std::size_t(256) << 20};
+std::atomic<std::size_t> image_bytes{0};  ///< taken by decoded images that are alive
+
+int channels_of(TexelFormat f) {
+  return f == TexelFormat::kByte1 || f == TexelFormat::kHalf1 || f == TexelFormat::kFloat1 ? 1 : 4;
+}
+std::size_t bytes_of(TexelFormat f) {
+  const std::size_t channels = std::size_t(channels_of(f));
+  if (f == TexelFormat::kByte1 || f == TexelFormat::kByte4) return channels;
+  return f == TexelFormat::kHalf1 || f == TexelFormat::kHalf4 ? 2 * channels : 4 * channels;
+}
+
+/// Which channels of a file are red, green, blue and alpha; -1: none.
+struct Channels {
+  std::array<int, 4> index{-1, -1, -1, -1};
+  bool gray() const { return index[1] < 0 && index[3] < 0; }
+};
+Channels find_channels(const OIIO::ImageSpec& spec) {
+  Channels c;
+  static constexpr const char* kNames[] = {"R", "G", "B", "A"};
+  for (int i = 0; i < 4; ++i) c.index[std::size_t(i)] = spec.channelindex(kNames[i]);
+  if (c.index[0] >= 0 && c.index[1] >= 0 && c.index[2] >= 0) return c;
+  const int n = spec.nchannels;
+  c.index = {0, n >= 3 ? 1 : -1, n >= 3 ? 2 : -1, spec.alpha_channel};
+  return c;
+}
+
+OIIO::ImageSpec input_hints() {
+  OIIO::ImageSpec hints;
+  hints["oiio:UnassociatedAlpha"] = 1;  // color is not multiplied by alpha: opacity is applied by materials
+  return hints;
+}
+
+/// Level 0 in memory.
+class DecodedImage final : public Image {
+ public:
+  ~DecodedImage() override { image_bytes -= size_; }
+
+  void reserve(int w, int h, TexelFormat f) {
+    width = w, height = h, format = f;
+    size_ = std::size_t(w) * std::size_t(h) * bytes_of(f);
+    image_bytes += size_;
+    texels_.resize((size_ + 3) / 4);
+    data = texels_.data();
+  }
+  void* texels() { return texels_.data(); }
+
+  /// Level 0, decoded.
+  Texel texel(int x, int y) const {
+    const std::size_t i = std::size_t(y) * std::size_t(width) + std::size_t(x);
+    const auto* bytes = static_cast<const std::uint8_t*>(data);
+    const auto* halves = static_cast<const std::uint16_t*>(data);
+    const auto* floats = static_cast<const float*>(data);
+    const auto& table = byte_table(srgb);
+    const auto gray = [](float v) { return Texel{{v, v, v, 1}}; };
+    switch (format) {
+      case TexelFormat::kByte1: return gray(table[bytes[i]]);
+      case TexelFormat::kByte4:
+        return {{table[bytes[4 * i]], table[bytes[4 * i + 1]], table[bytes[4 * i + 2]], float(bytes[4 * i + 3]) / 255}};
+      case TexelFormat::kHalf1: return gray(half_to_float(halves[i]));
+      case TexelFormat::kHalf4:
+        return {{half_to_float(halves[4 * i]), half_to_float(halves[4 * i + 1]), half_to_float(halves[4 * i + 2]),
+                 half_to_float(halves[4 * i + 3])}};
+      case TexelFormat::kFloat1: return gray(floats[i]);
+      default: return {{floats[4 * i], floats[4 * i + 1], floats[4 * i + 2], floats[4 * i + 3]}};
+    }
+  }
+
+  Texel mean() const override {
+    std::call_once(mean_once_, [this] {
+      double sum[4] = {};
+      for (int y = 0; y < height; ++y) {
+        float row[4] = {};
+        for (int x = 0; x < width; ++x) {
+          const Texel t = texel(x, y);
+          for (int c = 0; c < 4; ++c) row[c] += t.c[c];
+        }
+        for (int c = 0; c < 4; ++c) sum[c] += double(row[c]);
+      }
+      for (int c = 0; c < 4; ++c) mean_.c[c] = float(sum[c] / (double(width) * height));
+    });
+    return mean_;
+  }
+
+  /// Halves the size until 1 x 1 by area-weighted means, so that odd sizes keep their mean too.
+  void make_levels() {
+    int w = width, h = height;
+    std::vector<Texel> now(std::size_t(w) * std::size_t(h));
+    for (int y = 0; y < h; ++y)
+      for (int x = 0; x < w; ++x) now[std::size_t(y) * std::size_t(w) + std::size_t(x)] = texel(x, y);
+    while (w > 1 || h > 1) {
+      const int nw = std::max(w / 2, 1), nh = std::max(h / 2, 1);
+      const double sx = double(w) / nw, sy = double(h) / nh;
+      std::vector<Texel> next(std::size_t(nw) * std::size_t(nh));
+      Level level{nw, nh, std::vector<std::uint16_t>(next.size() * 4)};
+      for (int y = 0; y < nh; ++y)
+        for (int x = 0; x < nw; ++x) {
+          Texel sum;
+          const double x0 = x * sx, x1 = x0 + sx, y0 = y * sy, y1 = y0 + sy;
+          for (int j = int(y0); j < std::min(int(std::ceil(y1)), h); ++j)
+            for (int i = int(x0); i < std::min(int(std::ceil(x1)), w); ++i) {
+              const double area = (std::min(x1, i + 1.0) - std::max(x0, double(i))) *
+                                  (std::min(y1, j + 1.0) - std::max(y0, double(j)));
+              sum = sum + now[std::size_t(j) * std::size_t(w) + std::size_t(i)] * float(area / (sx * sy));
+            }
+          const std::size_t k = std::size_t(y) * std::size_t(nw) + std::size_t(x);
+          next[k] = sum;
+          for (std::size_t c = 0; c < 4; ++c) level.texels[4 * k + c] = float_to_half(sum.c[c]);
+        }
+      levels.push_back(std::move(level));
+      now = std::move(next);
+      w = nw, h = nh;
+    }
+  }
+
+ private:
+  std::vector<std::uint32_t> texels_;  // words: aligned for every format
+  std::size_t size_ = 0;
+  mutable std::once_flag mean_once_;
+  mutable Texel mean_;
+};
+
+/// The cache of tiles that all paged images share; it lives as long as one of them.
+std::shared_ptr<OIIO::ImageCache> page_cache() {
+  static std::mutex mutex;
+  static std::weak_ptr<OIIO::ImageCache> shared;
+  const std::lock_guard lock(mutex);
+  if (auto cache = shared.lock()) return cache;
+  std::shared_ptr<OIIO::ImageCache> cache(OIIO::ImageCache::create(false),
+                                          [](OIIO::ImageCache* c) { OIIO::ImageCache::destroy(c); });
+  cache->attribute("max_memory_MB", std::max(float(image_budget) / float(1 << 20), 10.0f));
+  cache->attribute("autotile", 64);
+  cache->attribute("automip", 1);
+  cache->attribute("unassociatedalpha", 1);
+  shared = cache;
+  return cache;
+}
+
+/// Tiles of a file, read when they are needed.
+class PagedImage final : public Image {
+ public:
+  PagedImage(const std::filesystem::path& file, bool srgb_, bool mipmap) : cache_(page_cache()) {
+    const OIIO::ustring name(file.string());
+    handle_ = cache_->get_image_handle(name);
+    format = TexelFormat::kPaged;
+    srgb = srgb_;
+    if (!handle_ || !cache_->get_imagespec(handle_, nullptr, spec_, 0, 0))
+      throw Error(ErrorCode::kBadInput, cache_->geterror());
+    width = spec_.width, height = spec_.height;
+    channels_ = find_channels(spec_);
+    int count = 1;
+    if (mipmap) cache_->get_image_info(name, 0, 0, OIIO::ustring("miplevels"), OIIO::TypeInt, &count);
+    for (int i = 0; i < count; ++i) {
+      OIIO::ImageSpec s;
+      if (!cache_->get_imagespec(handle_, nullptr, s, 0, i)) break;
+      sizes_.push_back({s.width, s.height});
+    }
+  }
+
+  void page_block(int level, int x, int y, int w, int h, Texel* out) const override {
+    std::array<float, 4 * kMostChannels> p;
+    const int n = std::min(spec_.nchannels, kMostChannels);
+    const bool ok = cache_->get_pixels(handle_, nullptr, 0, level, x + spec_.x, x + spec_.x + w, y + spec_.y,
+                                       y + spec_.y + h, 0, 1, 0, n, OIIO::TypeFloat, p.data());
+    if (!ok) {
+      cache_->geterror();  // the file broke after its header was read: black, as there is nobody to tell in a lookup
+      p.fill(0);
+    }
+    for (int i = 0; i < w * h; ++i) out[i] = decode(p.data() + std::size_t(i) * std::size_t(n));
+  }
+  int page_levels() const override { return int(sizes_.size()); }
+  void page_size(int level, int& w, int& h) const override {
+    w = sizes_[std::size_t(level)].x, h = sizes_[std::size_t(level)].y;
+  }
+
+  Texel mean() const override {
+    std::call_once(mean_once_, [this] {
+      const int n = std::min(spec_.nchannels, kMostChannels);
+      std::vector<float> row(std::size_t(width) * std::size_t(n));
+      double sum[4] = {};
+      for (int y = 0; y < height; ++y) {
+        if (!cache_->get_pixels(handle_, nullptr, 0, 0, spec_.x, spec_.x + width, spec_.y + y, spec_.y + y + 1, 0, 1, 0, n,
+                                OIIO::TypeFloat, row.data()))
+          continue;
+        for (int x = 0; x < width; ++x) {
+          const Texel t = decode(row.data() + std::size_t(x) * std::size_t(n));
+          for (int c = 0; c < 4; ++c) sum[c] += double(t.c[c]);
+        }
+      }
+      for (int c = 0; c < 4; ++c) mean_.c[c] = float(sum[c] / (double(width) * height));
+    });
+    return mean_;
+  }
+
+ private:
+  static constexpr int kMostChannels = 16;
+  Texel decode(const float* p) const {
+    Texel t;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const int k = channels_.index[c] >= 0 ? channels_.index[c] : channels_.index[0];
+      t.c[c] = srgb ? srgb_to_linear(p[k]) : p[k];
+    }
+    t.c[3] = channels_.index[3] >= 0 ? p[channels_.index[3]] : 1;
+    return t;
+  }
+  std::shared_ptr<OIIO::ImageCache> cache_;
+  OIIO::ImageCache::ImageHandle* handle_ = nullptr;
+  OIIO::ImageSpec spec_;
+  Channels channels_;
+  std::vector<Vec2i> sizes_;
+  mutable std::once_flag mean_once_;
+  mutable Texel mean_;
+};
+
+/// File type of encoded bytes by their first bytes, as an extension; empty: unknown.
+std::string_view sniff(std::string_view b) {
+  const auto starts = [&](std::string_view s) { return b.substr(0, s.size()) == s; };
+  if (starts("\x89PNG")) return "png";
+  if (starts("\xFF\xD8\xFF")) return "jpg";
+  if (starts("RIFF") && b.size() > 12 && b.substr(8, 4) == "WEBP") return "webp";
+  if (starts("\x76\x2f\x31\x01")) return "exr";
+  if (starts("#?RADIANCE") || starts("#?RGBE")) return "hdr";
+  if (starts("BM")) return "bmp";
+  if (starts("GIF8")) return "gif";
+  if (starts(std::string_view("II*\0", 4)) || starts(std::string_view("MM\0*", 4))) return "tif";
+  if (starts("\xABKTX 20\xBB")) return "ktx2";
+  return {};
+}
+
+std::string clean(std::string message) {
+  while (!message.empty() && (message.back() == '\n' || message.back() == ' ')) message.pop_back();
+  std::replace(message.begin(), message.end(), '\n', ' ');
+  return message.empty() ? "unknown format or damaged data" : message;
+}
+
+std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& loc) {
+  const auto bad = [&](const std::string& why) {
+    return Error(ErrorCode::kBadInput, loc, fmt::format("cannot read image \"{}\": {}", request.name, clean(why)));
+  };
+  const OIIO::ImageSpec hints = input_hints();
+  OIIO::Filesystem::IOMemReader proxy(const_cast<char*>(request.encoded.data()), request.encoded.size());
+  std::unique_ptr<OIIO::ImageInput> input;
+  if (request.encoded.empty()) {
+    std::error_code ec;
+    if (!std::filesystem::is_regular_file(request.file, ec))
+      throw Error(ErrorCode::kMissingFile, loc, fmt::format("image file \"{}\" does not exist", request.file.string()));
+    input = OIIO::ImageInput::open(request.file.string(), &hints);
+  } else {
+    const std::string_view type = sniff(request.encoded);
+    if (type.empty()) throw bad("neither PNG, JPEG, WebP, OpenEXR, Radiance, TIFF, BMP nor GIF");
+    if (type == "ktx2")
+      throw Error(ErrorCode::kUnsupported, loc,
+                  fmt::format("image \"{}\" is a KTX2 texture; PNG, JPEG and WebP are supported", request.name));
+    // OpenImageIO 2.4.7 forgets a proxy that is only passed to `open`; the hint reaches the reader.
+    OIIO::ImageSpec from_memory = hints;
+    OIIO::Filesystem::IOProxy* io = &proxy;
+    from_memory.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &io);
+    input = OIIO::ImageInput::open(fmt::format("memory.{}", type), &from_memory);
+  }
+  if (!input) throw bad(OIIO::geterror());
+  const OIIO::ImageSpec spec = input->spec();
+  if (spec.width < 1 || spec.height < 1 || spec.nchannels < 1 || spec.deep) throw bad("it has no flat pixels");
+
+  const Channels channels = find_channels(spec);
+  const bool is_byte = spec.format == OIIO::TypeDesc::UINT8 || spec.format == OIIO::TypeDesc::INT8;
+  const bool is_integer = !spec.format.is_floating_point();
+  const bool is_half = spec.format == OIIO::TypeDesc::HALF || spec.format == OIIO::TypeDesc::UINT16;
+  const bool srgb = request.auto_encoding ? is_integer : request.srgb;
+  const bool gray = channels.gray();
+  const TexelFormat format = is_byte   ? (gray ? TexelFormat::kByte1 : TexelFormat::kByte4)
+                             : is_half ? (gray ? TexelFormat::kHalf1 : TexelFormat::kHalf4)
+                                       : (gray ? TexelFormat::kFloat1 : TexelFormat::kFloat4);
+  const std::size_t count = std::size_t(spec.width) * std::size_t(spec.height);
+  const std::size_t bytes = count * bytes_of(format) + (request.mipmap ? count * 8 / 3 : 0);
+  if (image_bytes + bytes > image_budget && request.encoded.empty()) {
+    input->close();
+    try {
+      return std::make_shared<PagedImage>(request.file, srgb, request.mipmap);
+    } catch (const Error& e) {
+      throw bad(e.message());
+    }
+  }
+  constexpr std::size_t kMost = std::size_t(4) << 30;
+  if (bytes > kMost)
+    throw bad(fmt::format("{} x {} pixels inside another file are too many to decode at once", spec.width, spec.height));
+
+  // Read row blocks in the file's channels and keep those that count: no second copy of the whole image.
+  auto image = std::make_shared<DecodedImage>();
+  image->srgb = srgb && is_byte;
+  image->reserve(spec.width, spec.height, format);
+  const std::size_t n = std::size_t(spec.nchannels), out = std::size_t(channels_of(format));
+  const int block = spec.tile_width ? spec.tile_height : std::clamp(int(std::size_t(1 << 22) / (std::size_t(spec.width) * n)), 1, 64);
+  std::vector<std::uint8_t> byte_row;
+  std::vector<float> float_row;
+  for (int y = 0; y < spec.height; y += block) {
+    const int end = std::min(y + block, spec.height);
+    const std::size_t values = std::size_t(end - y) * std::size_t(spec.width) * n;
+    void* target;
+    if (is_byte)
+      byte_row.resize(values), target = byte_row.data();
+    else
+      float_row.resize(values), target = float_row.data();
+    const OIIO::TypeDesc type = is_byte ? OIIO::TypeDesc::UINT8 : OIIO::TypeDesc::FLOAT;
+    const bool ok =
+        spec.tile_width
+            ? input->read_tiles(0, 0, spec.x, spec.x + spec.width, spec.y + y, spec.y + end, 0, 1, 0, spec.nchannels, type, target)
+            : input->read_scanlines(0, 0, spec.y + y, spec.y + end, 0, 0, spec.nchannels, type, target);
+    if (!ok) throw bad(input->geterror());
+    const std::size_t first = std::size_t(y) * std::size_t(spec.width);
+    for (std::size_t i = 0; i < values / n; ++i)
+      for (std::size_t c = 0; c < out; ++c) {
+        const int from = channels.index[c] >= 0 ? channels.index[c] : c < 3 ? channels.index[0] : -1;
+        const std::size_t to = (first + i) * out + c;
+        if (is_byte) {
+          static_cast<std::uint8_t*>(image->texels())[to] = from < 0 ? 255 : byte_row[i * n + std::size_t(from)];
+        } else {
+          float v = from < 0 ? 1 : float_row[i * n + std::size_t(from)];
+          if (srgb && c < 3) v = srgb_to_linear(v);
+          if (!std::isfinite(v)) v = 0;
+          if (is_half)
+            static_cast<std::uint16_t*>(image->texels())[to] = float_to_half(v);
+          else
+            static_cast<float*>(image->texels())[to] = v;
+        }
+      }
+  }
+  if (request.mipmap) image->make_levels();
+  return image;
+}
+
+}  // namespace
+
+void set_image_memory_budget(std::size_t bytes) { image_budget = bytes; }
+
+std::shared_ptr<const Image> load_image(const ImageRequest& request, const SourceLoc& loc) {
+  static std::mutex mutex;  // a cache of what is alive anyway: it owns nothing and changes no result
+  static std::map<std::string, std::weak_ptr<const Image>> images;
+  std::error_code ec;
+  std::string key = fmt::format("{}|{}|{}|", request.auto_encoding, request.srgb, request.mipmap);
+  if (request.encoded.empty()) {
+    const auto time = std::filesystem::last_write_time(request.file, ec);
+    key += fmt::format("{}|{}", std::filesystem::weakly_canonical(request.file, ec).string(),
+                       ec ? 0 : time.time_since_epoch().count());
+  } else {
+    key += fmt::format("{}|{}|{:x}", request.name, request.encoded.size(), std::hash<std::string_view>{}(request.encoded));
+  }
+  const std::lock_guard lock(mutex);
+  if (auto image = images[key].lock()) return image;
+  auto image = read(request, loc);
+  images[key] = image;
+  return image;
+}
+
+}  // namespace tempera

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// What the shading tests share: points, random numbers, statistics, and 4 x 4 images.
+#include <OpenImageIO/imageio.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <vector>
+
+#include "tempera/core/random.h"
+#include "tempera/shading/material.h"
+
+namespace tempera::test {
+
+/// A counter-based sequence of uniform numbers.
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : seed_(seed) {}
+  float operator()() { return to_unit_float(std::uint32_t(hash_key(seed_, ++count_) >> 32)); }
+  Vec2f pair() {
+    const float a = (*this)();
+    return {a, (*this)()};
+  }
+  Vec3f sphere() {
+    const float z = 2 * (*this)() - 1, r = std::sqrt(std::max(1 - z * z, 0.0f)), phi = 2 * kPi * (*this)();
+    return {r * std::cos(phi), r * std::sin(phi), z};
+  }
+  Vec3f hemisphere() {
+    Vec3f w = sphere();
+    w.z = std::abs(w.z);
+    return w;
+  }
+
+ private:
+  std::uint64_t seed_, count_ = 0;
+};
+
+/// A point in the plane z = 0 whose frame is the world's, seen from `wo`.
+inline ShadingPoint plane_point(const Vec3f& wo) {
+  ShadingPoint p;
+  p.ng = {0, 0, 1};
+  p.dpdu = {1, 0, 0};
+  p.dpdv = {0, 1, 0};
+  p.uv = {0.3f, 0.6f};
+  p.wo = wo;
+  return p;
+}
+
+inline Bsdf bsdf_of(const Material& material, const ShadingPoint& point) {
+  Bsdf bsdf;
+  material.add_lobes(point, 1, bsdf);
+  return bsdf;
+}
+inline Bsdf bsdf_of(const Material& material, const Vec3f& wo) { return bsdf_of(material, plane_point(wo)); }
+
+/// A folder that is removed at the end.
+class TemporaryFolder {
+ public:
+  TemporaryFolder() {
+    std::string name = (std::filesystem::temp_directory_path() / "tempera-shading-XXXXXX").string();
+    path_ = mkdtemp(name.data());
+  }
+  ~TemporaryFolder() { std::filesystem::remove_all(path_); }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+/// Writes pixels [height][width][channels] in their own type.
+template <class T>
+void write_image(const std::filesystem::path& file, int width, int height, int channels, const std::vector<T>& pixels) {
+  const OIIO::TypeDesc type = OIIO::BaseTypeFromC<T>::value;
+  auto out = OIIO::ImageOutput::create(file.string());
+  OIIO::ImageSpec spec(width, height, channels, type);
+  spec["oiio:UnassociatedAlpha"] = 1;
+  ASSERT_TRUE(out && out->open(file.string(), spec) && out->write_image(type, pixels.data()) && out->close()) << file;
+}
+
+}  // namespace tempera::test

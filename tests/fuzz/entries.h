@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// What each fuzz target does with one input: everything that a program does with such a file before it renders, and a few
+// rays. The libFuzzer programs and the regression test, which replays seeds and old crashes, share these functions.
+#include <filesystem>
+#include <functional>
+#include <string_view>
+
+#include "tempera/scene/scene.h"
+
+namespace tempera::fuzz {
+
+/// Expressions, one a line.
+void lpe(std::string_view input);
+/// Single mesh files.
+void obj(std::string_view input);
+void ply(std::string_view input);
+void serialized(std::string_view input);
+/// Scene files. They may refer to what lies in files/.
+void gltf(std::string_view input);
+void glb(std::string_view input);
+void mitsuba(std::string_view input);
+/// shot.toml, with the scenes that it names in files/.
+void shot(std::string_view input);
+
+/// Memory that an importer may take; libFuzzer's own limit is larger.
+inline constexpr std::uint64_t kMemoryLimit = std::uint64_t(256) << 20;
+
+/// Runs `body` on one thread. An Error is an expected end if it is one of bad input; anything else that is thrown, or an
+/// error without a message, ends the process.
+void expect_bad_input_only(const std::function<void()>& body);
+/// A folder of this process with the contents of files/.
+const std::filesystem::path& work_folder();
+/// Writes `input` to `name` in work_folder().
+std::filesystem::path write_input(const char* name, std::string_view input);
+/// Uses a scene as a renderer would: cameras, poses, a RayScene, materials and lights where rays arrive.
+void exercise(const Scene& scene);
+
+}  // namespace tempera::fuzz
