@@ -900,8 +900,8 @@ def main():
 
     def pixel(x, y):
         theta, phi = math.pi * (y + 0.5) / height, TAU * (x + 0.5) / width
-        # Looking along -z is the middle of the picture, +x to its right.
-        return sky((-math.sin(phi) * math.sin(theta), math.cos(theta), math.cos(phi) * math.sin(theta)), noise)
+        # Mitsuba's convention: the picture's left edge is -z, a quarter to the right +x.
+        return sky((math.sin(phi) * math.sin(theta), math.cos(theta), -math.cos(phi) * math.sin(theta)), noise)
 
     write_hdr(DEMO / "sky.hdr", width, height, pixel)
 

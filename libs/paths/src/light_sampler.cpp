@@ -350,7 +350,7 @@ std::optional<LightSample> LightSampler::Impl::sample_punctual(const PunctualLig
     s.uv = {0.5f - 0.5f * local.x / (local.z * tan_x), 0.5f - 0.5f * local.y / (local.z * tan_y)};
     if (!(s.uv.x >= 0 && s.uv.x <= 1 && s.uv.y >= 0 && s.uv.y <= 1)) return std::nullopt;
     const float depth = local.z * r.distance;
-    r.radiance = intensity * (kPi / (depth * depth * local.z));
+    r.radiance = intensity * (1 / (depth * depth * local.z));
     if (light.texture) r.radiance *= light.texture->rgb(s);
     return r;
   }

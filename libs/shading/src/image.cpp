@@ -41,7 +41,7 @@ const std::array<float, 256>& byte_table(bool srgb) {
 
 namespace {
 
-std::atomic<std::size_t> image_budget{std::size_t(256) << 20};
+std::atomic<std::size_t> image_budget{std::size_t(1) << 30};
 std::atomic<std::size_t> image_bytes{0};  ///< taken by decoded images that are alive
 
 int channels_of(TexelFormat f) {
@@ -196,24 +196,39 @@ class PagedImage final : public Image {
     for (int i = 0; i < count; ++i) {
       OIIO::ImageSpec s;
       if (!cache_->get_imagespec(handle_, nullptr, s, 0, i)) break;
-      sizes_.push_back({s.width, s.height});
+      pages_.push_back({s.width, s.height, s.tile_width ? s.tile_width : s.width, s.tile_height ? s.tile_height : s.height});
     }
+    if (pages_.empty()) throw Error(ErrorCode::kBadInput, cache_->geterror());
   }
 
   void page_block(int level, int x, int y, int w, int h, Texel* out) const override {
-    std::array<float, 4 * kMostChannels> p;
-    const int n = std::min(spec_.nchannels, kMostChannels);
-    const bool ok = cache_->get_pixels(handle_, nullptr, 0, level, x + spec_.x, x + spec_.x + w, y + spec_.y,
-                                       y + spec_.y + h, 0, 1, 0, n, OIIO::TypeFloat, p.data());
-    if (!ok) {
-      cache_->geterror();  // the file broke after its header was read: black, as there is nobody to tell in a lookup
-      p.fill(0);
+    const Page& page = pages_[std::size_t(level)];
+    const int tx = x / page.tile_width, ty = y / page.tile_height;
+    if ((x + w - 1) / page.tile_width != tx || (y + h - 1) / page.tile_height != ty) {  // across tiles: one by one
+      for (int i = 0; i < w * h; ++i) page_block(level, x + i % w, y + i / w, 1, 1, out + i);
+      return;
     }
-    for (int i = 0; i < w * h; ++i) out[i] = decode(p.data() + std::size_t(i) * std::size_t(n));
+    OIIO::ImageCache::Tile* tile = cache_->get_tile(handle_, nullptr, 0, level, spec_.x + x, spec_.y + y, 0);
+    OIIO::TypeDesc type;
+    const void* data = tile ? cache_->tile_pixels(tile, type) : nullptr;
+    for (int i = 0; i < w * h; ++i) {
+      if (!data) {  // the file broke after its header was read: black, as there is nobody to tell in a lookup
+        out[i] = {};
+        continue;
+      }
+      const std::size_t at = std::size_t((y % page.tile_height + i / w) * page.tile_width + x % page.tile_width + i % w);
+      float p[kMostChannels];
+      load(data, type, at * std::size_t(spec_.nchannels), p);
+      out[i] = decode(p);
+    }
+    if (tile)
+      cache_->release_tile(tile);
+    else
+      cache_->geterror();
   }
-  int page_levels() const override { return int(sizes_.size()); }
+  int page_levels() const override { return int(pages_.size()); }
   void page_size(int level, int& w, int& h) const override {
-    w = sizes_[std::size_t(level)].x, h = sizes_[std::size_t(level)].y;
+    w = pages_[std::size_t(level)].width, h = pages_[std::size_t(level)].height;
   }
 
   Texel mean() const override {
@@ -237,6 +252,19 @@ class PagedImage final : public Image {
 
  private:
   static constexpr int kMostChannels = 16;
+  struct Page {
+    int width, height, tile_width, tile_height;
+  };
+  /// Channels of one texel as fractions or floats.
+  void load(const void* data, OIIO::TypeDesc type, std::size_t first, float* out) const {
+    const int n = std::min(spec_.nchannels, kMostChannels);
+    for (std::size_t c = 0; c < std::size_t(n); ++c) switch (type.basetype) {
+        case OIIO::TypeDesc::UINT8: out[c] = float(static_cast<const std::uint8_t*>(data)[first + c]) * (1.0f / 255); break;
+        case OIIO::TypeDesc::UINT16: out[c] = float(static_cast<const std::uint16_t*>(data)[first + c]) * (1.0f / 65535); break;
+        case OIIO::TypeDesc::HALF: out[c] = half_to_float(static_cast<const std::uint16_t*>(data)[first + c]); break;
+        default: out[c] = static_cast<const float*>(data)[first + c];  // the cache converts all else to float
+      }
+  }
   Texel decode(const float* p) const {
     Texel t;
     for (std::size_t c = 0; c < 3; ++c) {
@@ -250,7 +278,7 @@ class PagedImage final : public Image {
   OIIO::ImageCache::ImageHandle* handle_ = nullptr;
   OIIO::ImageSpec spec_;
   Channels channels_;
-  std::vector<Vec2i> sizes_;
+  std::vector<Page> pages_;
   mutable std::once_flag mean_once_;
   mutable Texel mean_;
 };

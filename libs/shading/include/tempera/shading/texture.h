@@ -99,7 +99,7 @@ std::shared_ptr<const Texture> make_image_texture(const ImageTextureParams& para
 std::shared_ptr<const Texture> make_image_texture(const ImageTextureParams& params, std::string_view encoded,
                                                   const std::string& name, const SourceLoc& loc = {});
 /// Bytes that decoded images may take together before image files are paged in tiles through OpenImageIO's cache, which is
-/// then bounded by the same number; 256 MiB unless set. Applies to images that are loaded later. Threads: safe.
+/// then bounded by the same number; 1 GiB unless set. Applies to images that are loaded later. Threads: safe.
 void set_image_memory_budget(std::size_t bytes);
 
 /// Mitsuba's checkerboard: color0 where both halves of a unit cell agree, color1 elsewhere.
