@@ -37,7 +37,6 @@ ToneMap parse_tone_map(std::string_view text) {
   throw Error(ErrorCode::kUnknownName, fmt::format("unknown tone map \"{}\"; known: srgb, filmic, none", text));
 }
 
-
 Rgb tone_map(const Rgb& color, const DisplayOptions& options) {
   Rgb c = color * std::exp2(options.exposure);
   if (options.tone_map == ToneMap::kNone) return {unit(c.r), unit(c.g), unit(c.b)};

@@ -165,6 +165,13 @@ void write_frame(const std::string& path, const Frame& frame, const WriteOptions
         },
         value);
   }
+  if (const auto fps = metadata.find("tempera/fps"); fps != metadata.end()) {  // the standard attribute, for players
+    if (const double* v = std::get_if<double>(&fps->second); v && *v >= 0.001 && *v <= 1e6) {
+      const FrameRate rate = frame_rate(*v);
+      const int rational[2] = {rate.numerator, rate.denominator};
+      spec.attribute("FramesPerSecond", OIIO::TypeRational, rational);
+    }
+  }
   // The library would add the time of day, and the same frame would not give the same file.
   if (!metadata.contains("DateTime")) spec.attribute("DateTime", "");
   if (options.names == AovNames::kTempera) spec.attribute(kLayersAttribute, layers_text(frame));

@@ -4,6 +4,8 @@
 #include <fmt/format.h>
 
 #include <charconv>
+#include <cmath>
+#include <numeric>
 
 namespace tempera {
 namespace {
@@ -56,6 +58,13 @@ class Reader {
 
 std::string to_text(const MetaValue& value) {
   return std::visit([](const auto& v) { return fmt::format("{}", v); }, value);
+}
+
+FrameRate frame_rate(double fps) {
+  const double ntsc = std::round(fps * 1.001);  // 24 for 24000/1001
+  if (std::abs(fps - ntsc / 1.001) < 6e-4 && std::abs(fps - std::round(fps)) > 1e-6) return {int(ntsc) * 1000, 1001};
+  const int thousandths = int(std::round(fps * 1000)), divisor = std::gcd(thousandths, 1000);
+  return {thousandths / divisor, 1000 / divisor};
 }
 
 bool RenderInfo::same_render(const RenderInfo& other) const {

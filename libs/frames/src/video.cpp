@@ -73,14 +73,6 @@ std::vector<std::string> encoder_arguments(const std::string& codec, int crf) {
   return {"-c:v", "ffv1", "-level", "3", "-pix_fmt", "bgr0"};
 }
 
-/// Frames per second for ffmpeg: 23.976 and its like are meant as 24000/1001.
-std::string rate_text(double fps) {
-  const double ntsc = std::round(fps * 1.001);
-  if (std::abs(fps - ntsc / 1.001) < 6e-4 && std::abs(fps - std::round(fps)) > 1e-6)
-    return fmt::format("{:.0f}/1001", ntsc * 1000);
-  return fmt::format("{}", fps);
-}
-
 std::string list_of(const std::vector<const char*>& names) { return fmt::format("{}", fmt::join(names, ", ")); }
 
 /// The container of a file name and the codec to use in it.
@@ -151,9 +143,9 @@ VideoWriter::VideoWriter(const std::string& path, int width, int height, const V
   const auto [container, codec] = choose(path, options.codec);
   if (width <= 0 || height <= 0)
     throw Error(ErrorCode::kBadInput, fmt::format("cannot write {}: the pictures are empty", path));
-  if (!(options.fps > 0) || options.fps > 1000) {
+  if (!(options.fps >= 0.001) || options.fps > 1000) {
     throw Error(ErrorCode::kOutOfRange,
-                fmt::format("a movie cannot have {} frames per second; valid: above 0 to 1000", options.fps));
+                fmt::format("a movie cannot have {} frames per second; valid: 0.001 to 1000", options.fps));
   }
   if (options.crf < 0 || options.crf > 51) {
     throw Error(ErrorCode::kOutOfRange,
@@ -161,13 +153,14 @@ VideoWriter::VideoWriter(const std::string& path, int width, int height, const V
   }
   impl_ = std::make_unique<Impl>(path, width, height, options);
 
+  const FrameRate rate = frame_rate(options.fps);
   std::vector<std::string> arguments{options.ffmpeg, "-hide_banner",
                                      "-nostdin",     "-loglevel",
                                      "error",        "-y",
                                      "-f",           "rawvideo",
                                      "-pix_fmt",     "rgb24",
                                      "-video_size",  fmt::format("{}x{}", width + width % 2, height + height % 2),
-                                     "-framerate",   rate_text(options.fps),
+                                     "-framerate",   fmt::format("{}/{}", rate.numerator, rate.denominator),
                                      "-i",           "pipe:0",
                                      "-an"};
   if (codec != "ffv1") {

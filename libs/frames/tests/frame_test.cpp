@@ -191,6 +191,28 @@ TEST_F(FrameFile, RenderInfoComesBack) {
   EXPECT_FALSE(render_info(partial));
 }
 
+TEST(FrameRate, AsFractions) {
+  EXPECT_EQ(frame_rate(24), (FrameRate{24, 1}));
+  EXPECT_EQ(frame_rate(12.5), (FrameRate{25, 2}));
+  EXPECT_EQ(frame_rate(23.976), (FrameRate{24000, 1001}));
+  EXPECT_EQ(frame_rate(24000.0 / 1001), (FrameRate{24000, 1001}));
+  EXPECT_EQ(frame_rate(29.97), (FrameRate{30000, 1001}));
+  EXPECT_EQ(frame_rate(59.94), (FrameRate{60000, 1001}));
+  EXPECT_EQ(frame_rate(0.1), (FrameRate{1, 10}));
+}
+
+TEST_F(FrameFile, PlayersFindTheFrameRate) {
+  Frame f = frame_of({layers::color()}, 4, 4);
+  f.metadata["tempera/fps"] = 23.976;
+  write_frame(path("f.exr"), f);
+  const auto in = OIIO::ImageInput::open(path("f.exr"));
+  const auto* rate = in->spec().find_attribute("FramesPerSecond", OIIO::TypeRational);
+  ASSERT_TRUE(rate);
+  EXPECT_EQ(static_cast<const int*>(rate->data())[0], 24000);
+  EXPECT_EQ(static_cast<const int*>(rate->data())[1], 1001);
+  EXPECT_EQ(read_metadata(path("f.exr")), f.metadata);
+}
+
 // --- Files of other programs, made with OpenImageIO
 // --------------------------------------------------------------------
 

@@ -51,9 +51,9 @@ Animated<float> visible_in_both(const Animated<float>& a, const Animated<float>&
 
 std::uint64_t byte_size(const Mesh& mesh) {
   const auto bytes = [](const auto& v) { return std::uint64_t(v.size() * sizeof(v[0])); };
-  std::uint64_t sum = bytes(mesh.positions) + bytes(mesh.normals) + bytes(mesh.uvs) + bytes(mesh.uvs1) + bytes(mesh.tangents) +
-                      bytes(mesh.tangent_signs) + bytes(mesh.indices) + bytes(mesh.colors) + bytes(mesh.color_alphas) +
-                      bytes(mesh.skin.indices) + bytes(mesh.skin.weights);
+  std::uint64_t sum = bytes(mesh.positions) + bytes(mesh.normals) + bytes(mesh.uvs) + bytes(mesh.uvs1) +
+                      bytes(mesh.tangents) + bytes(mesh.tangent_signs) + bytes(mesh.indices) + bytes(mesh.colors) +
+                      bytes(mesh.color_alphas) + bytes(mesh.skin.indices) + bytes(mesh.skin.weights);
   for (const MorphTarget& t : mesh.morph_targets) sum += bytes(t.positions) + bytes(t.normals) + bytes(t.tangents);
   return sum;
 }
@@ -103,9 +103,9 @@ class GltfImporter {
   GltfAnimations animations_;
   GltfMaterials materials_;
   Scene scene_;
-  std::vector<int> scene_node_;    // of each glTF node
-  std::vector<int> gltf_parent_;   // of each glTF node, or -1
-  std::vector<int> order_;         // glTF nodes, parents first
+  std::vector<int> scene_node_;   // of each glTF node
+  std::vector<int> gltf_parent_;  // of each glTF node, or -1
+  std::vector<int> order_;        // glTF nodes, parents first
   std::vector<GltfMesh> meshes_;
 };
 
@@ -117,11 +117,13 @@ Scene GltfImporter::load() {
   const Json skins = document_.list("skins");
   for (std::size_t i = 0; i < skins.size(); ++i) bind_skin({}, int(i), 0, skins.at(i));  // also those that nothing uses
   build_meshes(nodes);
-  const std::size_t lights = document_.root()["extensions"].object()["KHR_lights_punctual"].object()["lights"].array().size();
+  const std::size_t lights =
+      document_.root()["extensions"].object()["KHR_lights_punctual"].object()["lights"].array().size();
   for (const int node : nodes) {
     const Json json = node_json(node);
     if (const Json camera = json["camera"]) add_camera(node, camera.index(document_.count("cameras"), "cameras"));
-    if (const Json light = json["extensions"].object()["KHR_lights_punctual"].object()["light"]) add_light(node, light.index(lights, "lights"));
+    if (const Json light = json["extensions"].object()["KHR_lights_punctual"].object()["light"])
+      add_light(node, light.index(lights, "lights"));
   }
   if (scene_.instances.empty()) document_.warn("the scene shows no geometry", document_.root());
   animations_.warn_unused();
@@ -146,7 +148,8 @@ void GltfImporter::build_nodes() {
     for (std::size_t k = 0; k < children.size(); ++k) {
       const int child = children.at(k).index(n, "nodes");
       if (gltf_parent_[std::size_t(child)] >= 0)
-        children.at(k).fail(fmt::format("nodes[{}] is a child of nodes[{}] already", child, gltf_parent_[std::size_t(child)]));
+        children.at(k).fail(
+            fmt::format("nodes[{}] is a child of nodes[{}] already", child, gltf_parent_[std::size_t(child)]));
       gltf_parent_[std::size_t(child)] = int(i);
     }
   }
@@ -192,7 +195,8 @@ AnimatedTransform GltfImporter::node_transform(const Json& json, int node) {
     return affine(m);
   }
   const double norm = std::sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + r[3] * r[3]);
-  if (std::abs(norm - 1) > 0.02) document_.warn("rotations that are not unit quaternions are normalized", json["rotation"]);
+  if (std::abs(norm - 1) > 0.02)
+    document_.warn("rotations that are not unit quaternions are normalized", json["rotation"]);
   const Vec3d translation{t[0], t[1], t[2]}, scale{s[0], s[1], s[2]};
   const Quatd rotation = unit_quaternion(r);
 
@@ -226,7 +230,8 @@ std::vector<int> GltfImporter::reachable_nodes() const {
     const Json roots = scenes.at(i).object()["nodes"].array();
     for (std::size_t k = 0; k < roots.size(); ++k) {
       const int node = roots.at(k).index(order_.size(), "nodes");
-      if (gltf_parent_[std::size_t(node)] >= 0) roots.at(k).fail(fmt::format("nodes[{}] is not a root: it has a parent", node));
+      if (gltf_parent_[std::size_t(node)] >= 0)
+        roots.at(k).fail(fmt::format("nodes[{}] is not a root: it has a parent", node));
       if (int(i) == std::max(index, 0)) in_scene[std::size_t(node)] = 1;
     }
   }
@@ -253,7 +258,8 @@ void GltfImporter::build_meshes(const std::vector<int>& nodes) {
     }
     const int mesh = json["mesh"].index(meshes_.size(), "meshes");
     const GltfMesh& m = meshes_[std::size_t(mesh)];
-    const bool own_weights = m.targets > 0 && (json["weights"] || animations_.find(fmt::format("/nodes/{}/weights", node), m.targets));
+    const bool own_weights =
+        m.targets > 0 && (json["weights"] || animations_.find(fmt::format("/nodes/{}/weights", node), m.targets));
     const Use use{node, {mesh, skin, own_weights ? node : -1}};
     if (groups.emplace(use.key, kNotBuilt).second) ++keys_of_mesh[std::size_t(mesh)];
     uses.push_back(use);
@@ -279,7 +285,8 @@ std::vector<int> GltfImporter::build_group(const GroupKey& key, bool last_use) {
   if (source.targets > 0) {
     if (key.weights_node >= 0) {
       std::vector<double> own(source.targets);
-      if (node_json(key.weights_node)["weights"].numbers(own.data(), own.size())) weights.assign(own.begin(), own.end());
+      if (node_json(key.weights_node)["weights"].numbers(own.data(), own.size()))
+        weights.assign(own.begin(), own.end());
       track = animations_.find(fmt::format("/nodes/{}/weights", key.weights_node), source.targets);
     } else {
       track = animations_.find(fmt::format("/meshes/{}/weights", key.mesh), source.targets);
@@ -293,7 +300,8 @@ std::vector<int> GltfImporter::build_group(const GroupKey& key, bool last_use) {
     if (key.skin >= 0) {
       if (primitive.mesh.skin.indices.empty() && !primitive.mesh.positions.empty())
         primitive.json["attributes"].fail("lacks JOINTS_0 and WEIGHTS_0, but a node uses the mesh with a skin");
-      skin = bind_skin(last_use ? std::move(primitive.mesh.skin) : primitive.mesh.skin, key.skin, primitive.max_joint, primitive.json);
+      skin = bind_skin(last_use ? std::move(primitive.mesh.skin) : primitive.mesh.skin, key.skin, primitive.max_joint,
+                       primitive.json);
     }
     if (primitive.mesh.indices.empty()) continue;  // points, lines
     if (!last_use) files_.charge(byte_size(primitive.mesh), primitive.json.loc());
@@ -328,7 +336,8 @@ Skin GltfImporter::bind_skin(Skin skin, int index, std::size_t max_joint, const 
   if (n == 0) joints.fail("a skin has at least one joint");
   if (n > 65536) joints.fail(ErrorCode::kUnsupported, fmt::format("{} joints; at most 65536 are supported", n));
   if (max_joint >= n)
-    where.fail(ErrorCode::kOutOfRange, fmt::format("a vertex follows joint {} of skins[{}], which has {}", max_joint, index, n));
+    where.fail(ErrorCode::kOutOfRange,
+               fmt::format("a vertex follows joint {} of skins[{}], which has {}", max_joint, index, n));
   std::vector<float> inverse_bind;
   if (const Json matrices = json["inverseBindMatrices"]) {
     const Accessor& a = document_.accessor(matrices, "MAT4");
@@ -388,8 +397,10 @@ void GltfImporter::add_gpu_instances(const Json& extension, const Instance& inst
     std::vector<float> values;
     if (!index) return values;
     const Accessor& a = document_.accessor(index, shape);
-    if (fraction ? !a.is_fraction() : !a.is_float()) index.fail(fmt::format("cannot be of component type {}", int(a.type)));
-    if (count != 0 && a.count != count) index.fail(fmt::format("has {} elements, another attribute {}", a.count, count));
+    if (fraction ? !a.is_fraction() : !a.is_float())
+      index.fail(fmt::format("cannot be of component type {}", int(a.type)));
+    if (count != 0 && a.count != count)
+      index.fail(fmt::format("has {} elements, another attribute {}", a.count, count));
     count = a.count;
     files_.charge(a.count * std::size_t(a.components) * sizeof(float), index.loc());
     values = document_.floats(a);
@@ -397,14 +408,16 @@ void GltfImporter::add_gpu_instances(const Json& extension, const Instance& inst
       if (!(std::abs(v) < 1e30f)) index.fail(fmt::format("a {} that is not finite or too large", name));
     return values;
   };
-  const auto t = read("TRANSLATION", "VEC3", false), r = read("ROTATION", "VEC4", true), s = read("SCALE", "VEC3", false);
+  const auto t = read("TRANSLATION", "VEC3", false), r = read("ROTATION", "VEC4", true),
+             s = read("SCALE", "VEC3", false);
   if (count == 0) attributes.fail("has none of TRANSLATION, ROTATION and SCALE");
   for (std::size_t i = 0; i < count; ++i) {
     Node node;
     node.parent = instance.node;
     node.name = fmt::format("{}[{}]", instance.name, i);
-    node.local = compose(t.empty() ? Vec3d{} : to_vec3d(&t[3 * i]), r.empty() ? Quatd{} : normalize(to_quatd(&r[4 * i])),
-                         s.empty() ? Vec3d{1, 1, 1} : to_vec3d(&s[3 * i]));
+    node.local =
+        compose(t.empty() ? Vec3d{} : to_vec3d(&t[3 * i]), r.empty() ? Quatd{} : normalize(to_quatd(&r[4 * i])),
+                s.empty() ? Vec3d{1, 1, 1} : to_vec3d(&s[3 * i]));
     Instance one = instance;
     one.name = node.name;
     one.node = add_node(std::move(node));
@@ -418,14 +431,15 @@ Affine3d GltfImporter::world(int node, double t) const {
   return m;
 }
 
-/// A child of `parent` that looks along the parent's -z. glTF ignores the scale of the nodes of cameras and lights: this
-/// undoes the one at time 0. Returns -1 if the parent's transform is singular then.
+/// A child of `parent` that looks along the parent's -z. glTF ignores the scale of the nodes of cameras and lights:
+/// this undoes the one at time 0. Returns -1 if the parent's transform is singular then.
 int GltfImporter::add_turned_child(int parent, const std::string& name) {
   Affine3d m = world(parent, 0);
   m.translation = {};
   const Vec3d z = normalize(m.z), x = normalize(cross(m.y, z));
   const Affine3d unscale = inverse(m) * Affine3d{x, cross(z, x), z};
-  const double change = length(unscale.x - Vec3d{1, 0, 0}) + length(unscale.y - Vec3d{0, 1, 0}) + length(unscale.z - Vec3d{0, 0, 1});
+  const double change =
+      length(unscale.x - Vec3d{1, 0, 0}) + length(unscale.y - Vec3d{0, 1, 0}) + length(unscale.z - Vec3d{0, 0, 1});
   if (!std::isfinite(change)) return -1;
   Node node;
   node.parent = parent;
@@ -443,7 +457,8 @@ void GltfImporter::add_camera(int node, int camera) {
   c.name = json["name"].string();
   const auto taken = [&](const Camera& other) { return other.name == c.name; };
   if (c.name.empty() || std::any_of(scene_.cameras.begin(), scene_.cameras.end(), taken)) c.name = parent.name;
-  if (c.name.empty() || std::any_of(scene_.cameras.begin(), scene_.cameras.end(), taken)) c.name = fmt::format("camera{}", scene_.cameras.size());
+  if (c.name.empty() || std::any_of(scene_.cameras.begin(), scene_.cameras.end(), taken))
+    c.name = fmt::format("camera{}", scene_.cameras.size());
   c.node = add_turned_child(scene_node_[std::size_t(node)], c.name);
   if (c.node < 0) node_json(node).fail("the world transform of a camera is singular");
   c.keep_vertical_fov = true;
@@ -476,7 +491,8 @@ void GltfImporter::add_camera(int node, int camera) {
     const double xmag = half("xmag"), ymag = half("ymag");
     const Track* track = animations_.find(pointer + "/orthographic/xmag", 1);
     c.projection = Projection::kOrthographic;
-    c.width = track ? map_linear<float>(*track, [](const float* v) { return 2 * v[0]; }) : Animated<float>(float(2 * xmag));
+    c.width =
+        track ? map_linear<float>(*track, [](const float* v) { return 2 * v[0]; }) : Animated<float>(float(2 * xmag));
     c.authored_aspect = float(xmag / ymag);
     c.near_clip = float(o["znear"].required().number(0, 0, 1e30));
     c.far_clip = float(positive(o["zfar"], 1e30));
@@ -492,10 +508,14 @@ void GltfImporter::add_light(int node, int index) {
   const std::string pointer = fmt::format("/extensions/KHR_lights_punctual/lights/{}", index);
   PunctualLight light;
   const Json type = json["type"].required();
-  if (type.string() == "point") light.type = LightType::kPoint;
-  else if (type.string() == "spot") light.type = LightType::kSpot;
-  else if (type.string() == "directional") light.type = LightType::kDirectional;
-  else type.fail(fmt::format("\"{}\" is no light type; valid: point, spot, directional", type.string()));
+  if (type.string() == "point")
+    light.type = LightType::kPoint;
+  else if (type.string() == "spot")
+    light.type = LightType::kSpot;
+  else if (type.string() == "directional")
+    light.type = LightType::kDirectional;
+  else
+    type.fail(fmt::format("\"{}\" is no light type; valid: point, spot, directional", type.string()));
   light.name = json["name"].string();
   if (light.name.empty()) light.name = scene_.nodes[std::size_t(scene_node_[std::size_t(node)])].name;
   light.node = add_turned_child(scene_node_[std::size_t(node)], light.name);
@@ -507,21 +527,26 @@ void GltfImporter::add_light(int node, int index) {
   const float unit = blender == 0 ? 1.0f : blender >= 304 ? 1.0f / 683 : directional ? 1.0f : 1.0f / (4 * kPi);
   const Json intensity = json["intensity"];
   const double value = intensity.number(1);
-  if (!(value >= 0 && value < 1e30)) intensity.fail(ErrorCode::kOutOfRange, fmt::format("{} is outside [0, 1e30)", value));
+  if (!(value >= 0 && value < 1e30))
+    intensity.fail(ErrorCode::kOutOfRange, fmt::format("{} is outside [0, 1e30)", value));
   const Track* track = animations_.find(pointer + "/intensity", 1);
-  light.intensity_scale = track ? map_linear<float>(*track, [&](const float* v) { return v[0] * unit; }) : Animated<float>(float(value) * unit);
+  light.intensity_scale = track ? map_linear<float>(*track, [&](const float* v) { return v[0] * unit; })
+                                : Animated<float>(float(value) * unit);
   double color[3] = {1, 1, 1};
   json["color"].numbers(color, 3);
   for (const double c : color)
     if (!(c >= 0 && c < 1e30)) json["color"].fail(ErrorCode::kOutOfRange, fmt::format("{} is outside [0, 1]", c));
   track = animations_.find(pointer + "/color", 3);
-  light.intensity = track ? map_linear<Rgb>(*track, three_numbers) : Animated<Rgb>(Rgb(float(color[0]), float(color[1]), float(color[2])));
+  light.intensity = track ? map_linear<Rgb>(*track, three_numbers)
+                          : Animated<Rgb>(Rgb(float(color[0]), float(color[1]), float(color[2])));
 
   if (light.type == LightType::kSpot) {
     const Json spot = json["spot"].required().object();
     light.smooth_falloff = true;
-    const double outer = spot["outerConeAngle"].number(kPiD / 4, 0, kPiD / 2 + 1e-6), inner = spot["innerConeAngle"].number(0, 0, kPiD / 2);
-    if (!(inner < outer)) spot.fail(ErrorCode::kOutOfRange, fmt::format("innerConeAngle {} is not below outerConeAngle {}", inner, outer));
+    const double outer = spot["outerConeAngle"].number(kPiD / 4, 0, kPiD / 2 + 1e-6),
+                 inner = spot["innerConeAngle"].number(0, 0, kPiD / 2);
+    if (!(inner < outer))
+      spot.fail(ErrorCode::kOutOfRange, fmt::format("innerConeAngle {} is not below outerConeAngle {}", inner, outer));
     const Track* moving_outer = animations_.find(pointer + "/spot/outerConeAngle", 1);
     const Track* moving_inner = animations_.find(pointer + "/spot/innerConeAngle", 1);
     light.cutoff_angle = moving_outer ? map_linear<float>(*moving_outer, first_number) : Animated<float>(float(outer));

@@ -28,11 +28,13 @@ std::optional<std::string> target_pointer(const GltfDocument& document, const Js
   const Json json = nodes.at(std::size_t(node)).object();
   if (path == "weights") {
     const int mesh = json["mesh"].optional_index(document.count("meshes"), "meshes");
-    const Json primitives = mesh < 0 ? Json() : document.list("meshes").at(std::size_t(mesh)).object()["primitives"].array();
+    const Json primitives =
+        mesh < 0 ? Json() : document.list("meshes").at(std::size_t(mesh)).object()["primitives"].array();
     if (primitives.size() == 0 || primitives.at(0).object()["targets"].size() == 0)
       target.fail(fmt::format("drives the weights of nodes[{}], which has no mesh with morph targets", node));
   } else if (json["matrix"]) {
-    target.fail(fmt::format("drives the {} of nodes[{}], which has a matrix instead of translation, rotation and scale", path, node));
+    target.fail(fmt::format("drives the {} of nodes[{}], which has a matrix instead of translation, rotation and scale",
+                            path, node));
   }
   return fmt::format("/nodes/{}/{}", node, path);
 }
@@ -78,15 +80,20 @@ Track GltfAnimations::read_track(const Json& channel, const Json& samplers, cons
   track.json = channel;
   const Json mode = sampler["interpolation"];
   const std::string_view interpolation = mode.string("LINEAR");
-  if (interpolation == "STEP") track.interpolation = Interpolation::kStep;
-  else if (interpolation == "LINEAR") track.interpolation = Interpolation::kLinear;
-  else if (interpolation == "CUBICSPLINE") track.interpolation = Interpolation::kCubic;
-  else mode.fail(fmt::format("\"{}\" is no interpolation; valid: STEP, LINEAR, CUBICSPLINE", interpolation));
+  if (interpolation == "STEP")
+    track.interpolation = Interpolation::kStep;
+  else if (interpolation == "LINEAR")
+    track.interpolation = Interpolation::kLinear;
+  else if (interpolation == "CUBICSPLINE")
+    track.interpolation = Interpolation::kCubic;
+  else
+    mode.fail(fmt::format("\"{}\" is no interpolation; valid: STEP, LINEAR, CUBICSPLINE", interpolation));
   const bool cubic = track.interpolation == Interpolation::kCubic;
 
   const Accessor& input = document_.accessor(sampler["input"].required(), "SCALAR");
   if (!input.is_float()) sampler["input"].fail("key times are not floats");
-  if (!input.json["min"] || !input.json["max"]) document_.warn("key times without min and max are no valid glTF", input.json);
+  if (!input.json["min"] || !input.json["max"])
+    document_.warn("key times without min and max are no valid glTF", input.json);
   const std::vector<float> times = document_.floats(input);
   // Without data the times are all zero; the glTF validator lets that pass, and so the test files do it. Such a track
   // has no motion: its first key stands for all.
@@ -99,10 +106,12 @@ Track GltfAnimations::read_track(const Json& channel, const Json& samplers, cons
   if (cubic && times.size() < 2) sampler["input"].fail("a cubic spline has at least two keys");
   track.times.assign(times.begin(), times.end());
 
-  const bool rotation = path == "rotation", weights = path == "weights", vec3 = path == "translation" || path == "scale";
-  const Accessor& output = document_.accessor(
-      sampler["output"].required(),
-      rotation ? "VEC4" : vec3 ? "VEC3" : weights ? "SCALAR" : "SCALAR|VEC2|VEC3|VEC4");
+  const bool rotation = path == "rotation", weights = path == "weights",
+             vec3 = path == "translation" || path == "scale";
+  const Accessor& output = document_.accessor(sampler["output"].required(), rotation  ? "VEC4"
+                                                                            : vec3    ? "VEC3"
+                                                                            : weights ? "SCALAR"
+                                                                                      : "SCALAR|VEC2|VEC3|VEC4");
   if (vec3 ? !output.is_float() : (rotation || weights) && !output.is_fraction())
     sampler["output"].fail(fmt::format("an accessor of component type {} cannot drive a {}", int(output.type), path));
   track.values = document_.floats(output);
@@ -122,8 +131,10 @@ Track GltfAnimations::read_track(const Json& channel, const Json& samplers, cons
       if (std::abs(norm - 1) > 0.02f)
         document_.warn("rotation keys that are not unit quaternions are normalized", sampler["output"]);
       if (cubic) continue;  // scaling the value without its tangents would bend the curve; the sum is normalized anyway
-      if (!(norm > 0)) q[3] = 1;
-      else for (int c = 0; c < 4; ++c) q[c] /= norm;
+      if (!(norm > 0))
+        q[3] = 1;
+      else
+        for (int c = 0; c < 4; ++c) q[c] /= norm;
     }
   }
   if (no_data && track.times.size() > 1) {
@@ -162,8 +173,10 @@ void GltfAnimations::select(std::vector<Clip> clips, const std::string& name) {
     }
   }
   if (!skipped.empty())
-    document_.warn(fmt::format("animations {} move what an earlier one moves and do not play; choose with --animation NAME", skipped),
-                   first);
+    document_.warn(
+        fmt::format("animations {} move what an earlier one moves and do not play; choose with --animation NAME",
+                    skipped),
+        first);
 }
 
 const Track* GltfAnimations::find(const std::string& pointer, std::size_t width) {
@@ -184,8 +197,10 @@ void GltfAnimations::warn_unused() const {
     for (std::size_t i = 0; i < pointer.size(); ++i) {
       const bool digit = pointer[i] >= '0' && pointer[i] <= '9';
       const char before = kind.empty() ? ' ' : kind.back();
-      if (!digit || (before != '/' && before != '*')) kind += pointer[i];
-      else if (before == '/') kind += '*';
+      if (!digit || (before != '/' && before != '*'))
+        kind += pointer[i];
+      else if (before == '/')
+        kind += '*';
     }
     document_.warn(fmt::format("animation of \"{}\" is ignored", kind), track.json);
   }

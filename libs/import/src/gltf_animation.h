@@ -13,9 +13,9 @@ namespace tempera {
 
 /// The keys of one channel as numbers.
 struct Track {
-  Json json;                   ///< the channel
-  std::vector<double> times;   ///< seconds, strictly increasing, >= 0
-  std::vector<float> values;   ///< `width` numbers a key; cubic: in-tangent, value, out-tangent
+  Json json;                  ///< the channel
+  std::vector<double> times;  ///< seconds, strictly increasing, >= 0
+  std::vector<float> values;  ///< `width` numbers a key; cubic: in-tangent, value, out-tangent
   Interpolation interpolation = Interpolation::kLinear;
   std::size_t width = 1;
 
@@ -59,13 +59,13 @@ inline Quatd to_quatd(const float* v) { return {v[3], v[0], v[1], v[2]}; }  // g
 
 class GltfAnimations {
  public:
-  /// Reads and checks all clips, and selects: the one that `name` names (or numbers), none for "none", or for an empty name
-  /// all that can play together: of clips that drive the same thing the first one plays and the rest are a warning.
-  /// Errors: Error{kUnknownName} listing the clips; Error{kBadInput | kOutOfRange} at the offending value.
+  /// Reads and checks all clips, and selects: the one that `name` names (or numbers), none for "none", or for an empty
+  /// name all that can play together: of clips that drive the same thing the first one plays and the rest are a
+  /// warning. Errors: Error{kUnknownName} listing the clips; Error{kBadInput | kOutOfRange} at the offending value.
   GltfAnimations(const GltfDocument& document, const std::string& name);
 
-  /// The selected track that drives `pointer`, e.g. "/nodes/3/translation", with `width` numbers a key (0: any); null if
-  /// there is none.
+  /// The selected track that drives `pointer`, e.g. "/nodes/3/translation", with `width` numbers a key (0: any); null
+  /// if there is none.
   const Track* find(const std::string& pointer, std::size_t width);
   /// Hull of the keys of all tracks that were found; zero without any.
   TimeSpan span() const { return span_; }

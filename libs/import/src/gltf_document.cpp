@@ -22,11 +22,14 @@ std::uint32_t read_u32(std::string_view bytes, std::size_t offset) {
 std::size_t component_size(ComponentType type) {
   switch (type) {
     case ComponentType::kByte:
-    case ComponentType::kUByte: return 1;
+    case ComponentType::kUByte:
+      return 1;
     case ComponentType::kShort:
-    case ComponentType::kUShort: return 2;
+    case ComponentType::kUShort:
+      return 2;
     case ComponentType::kUInt:
-    case ComponentType::kFloat: return 4;
+    case ComponentType::kFloat:
+      return 4;
   }
   return 4;
 }
@@ -36,11 +39,12 @@ struct ElementShape {
   int rows, columns;
 };
 constexpr ElementShape kShapes[] = {{"SCALAR", 1, 1}, {"VEC2", 2, 1}, {"VEC3", 3, 1}, {"VEC4", 4, 1},
-                             {"MAT2", 2, 2},   {"MAT3", 3, 3}, {"MAT4", 4, 4}};
+                                    {"MAT2", 2, 2},   {"MAT3", 3, 3}, {"MAT4", 4, 4}};
 
 /// Bytes of an element: columns of matrices start at multiples of four bytes.
 std::size_t element_size(std::string_view shape, ComponentType type) {
-  const auto& s = *std::find_if(std::begin(kShapes), std::end(kShapes), [&](const ElementShape& x) { return x.name == shape; });
+  const auto& s =
+      *std::find_if(std::begin(kShapes), std::end(kShapes), [&](const ElementShape& x) { return x.name == shape; });
   const std::size_t column = std::size_t(s.rows) * component_size(type);
   return s.columns == 1 ? column : std::size_t(s.columns - 1) * ((column + 3) / 4 * 4) + column;
 }
@@ -74,7 +78,10 @@ void convert(const char* from, std::size_t stride, std::size_t count, std::size_
 }
 
 int hex_digit(char c) {
-  return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+  return c >= '0' && c <= '9'   ? c - '0'
+         : c >= 'a' && c <= 'f' ? c - 'a' + 10
+         : c >= 'A' && c <= 'F' ? c - 'A' + 10
+                                : -1;
 }
 
 /// Replaces %XX. A percent sign without two hex digits stays.
@@ -103,12 +110,18 @@ std::optional<std::string> base64_decode(std::string_view text) {
   int filled = 0;
   for (const char c : text) {
     int v;
-    if (c >= 'A' && c <= 'Z') v = c - 'A';
-    else if (c >= 'a' && c <= 'z') v = c - 'a' + 26;
-    else if (c >= '0' && c <= '9') v = c - '0' + 52;
-    else if (c == '+' || c == '-') v = 62;  // '-' and '_': the URL-safe alphabet, which some writers use
-    else if (c == '/' || c == '_') v = 63;
-    else return std::nullopt;
+    if (c >= 'A' && c <= 'Z')
+      v = c - 'A';
+    else if (c >= 'a' && c <= 'z')
+      v = c - 'a' + 26;
+    else if (c >= '0' && c <= '9')
+      v = c - '0' + 52;
+    else if (c == '+' || c == '-')
+      v = 62;  // '-' and '_': the URL-safe alphabet, which some writers use
+    else if (c == '/' || c == '_')
+      v = 63;
+    else
+      return std::nullopt;
     bits = bits << 6 | std::uint32_t(v);
     filled += 6;
     if (filled >= 8) {
@@ -121,26 +134,14 @@ std::optional<std::string> base64_decode(std::string_view text) {
 
 // Extensions whose absence would change the picture beyond what a warning says, and that are implemented.
 constexpr std::string_view kSupported[] = {
-    "EXT_mesh_gpu_instancing",
-    "EXT_texture_webp",
+    "EXT_mesh_gpu_instancing",         "EXT_texture_webp",
 #ifdef TEMPERA_HAS_DRACO
     "KHR_draco_mesh_compression",
 #endif
-    "KHR_animation_pointer",
-    "KHR_lights_punctual",
-    "KHR_materials_anisotropy",
-    "KHR_materials_clearcoat",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_sheen",
-    "KHR_materials_specular",
-    "KHR_materials_transmission",
-    "KHR_materials_unlit",
-    "KHR_materials_variants",
-    "KHR_materials_volume",
-    "KHR_mesh_quantization",
-    "KHR_node_visibility",
-    "KHR_texture_transform",
+    "KHR_animation_pointer",           "KHR_lights_punctual", "KHR_materials_anisotropy", "KHR_materials_clearcoat",
+    "KHR_materials_emissive_strength", "KHR_materials_ior",   "KHR_materials_sheen",      "KHR_materials_specular",
+    "KHR_materials_transmission",      "KHR_materials_unlit", "KHR_materials_variants",   "KHR_materials_volume",
+    "KHR_mesh_quantization",           "KHR_node_visibility", "KHR_texture_transform",
 };
 // Extensions that change no picture, or whose use draws its own warning where it stands.
 constexpr std::string_view kHarmless[] = {
@@ -237,8 +238,8 @@ void GltfDocument::check_asset() {
   const auto parse = [](const Json& json) {
     int major = -1, minor = -1, used = 0;
     const std::string text(json.string());
-    if (std::sscanf(text.c_str(), "%5d.%5d%n", &major, &minor, &used) != 2 || std::size_t(used) != text.size() || major < 0 ||
-        minor < 0)
+    if (std::sscanf(text.c_str(), "%5d.%5d%n", &major, &minor, &used) != 2 || std::size_t(used) != text.size() ||
+        major < 0 || minor < 0)
       json.fail(fmt::format("\"{}\" is no version of the form \"2.0\"", text));
     return std::pair(major, minor);
   };
@@ -259,8 +260,8 @@ void GltfDocument::check_extensions() {
   for (std::size_t i = 0; i < required.size(); ++i) {
     const std::string_view name = required.at(i).string();
     if (!contains(kSupported, name))
-      required.at(i).fail(ErrorCode::kUnsupported,
-                          fmt::format("the file requires the extension \"{}\"; supported: {}", name, fmt::join(kSupported, ", ")));
+      required.at(i).fail(ErrorCode::kUnsupported, fmt::format("the file requires the extension \"{}\"; supported: {}",
+                                                               name, fmt::join(kSupported, ", ")));
   }
   const Json used = list("extensionsUsed");
   for (std::size_t i = 0; i < used.size(); ++i) {
@@ -272,8 +273,8 @@ void GltfDocument::check_extensions() {
 }
 
 void GltfDocument::check_names() {
-  for (const char* name : {"accessors", "animations", "buffers", "bufferViews", "cameras", "images", "materials", "meshes", "nodes",
-                           "samplers", "scenes", "skins", "textures"}) {
+  for (const char* name : {"accessors", "animations", "buffers", "bufferViews", "cameras", "images", "materials",
+                           "meshes", "nodes", "samplers", "scenes", "skins", "textures"}) {
     const Json list = this->list(name);
     for (std::size_t i = 0; i < list.size(); ++i) list.at(i).object()["name"].string();
   }
@@ -347,9 +348,11 @@ void GltfDocument::read_accessors() {
     a.json = json;
     a.type = component_type(json["componentType"]);
     a.shape = json["type"].required().string();
-    const auto shape = std::find_if(std::begin(kShapes), std::end(kShapes), [&](const ElementShape& s) { return s.name == a.shape; });
+    const auto shape =
+        std::find_if(std::begin(kShapes), std::end(kShapes), [&](const ElementShape& s) { return s.name == a.shape; });
     if (shape == std::end(kShapes))
-      json["type"].fail(fmt::format("\"{}\" is no accessor type; valid: SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3, MAT4", a.shape));
+      json["type"].fail(
+          fmt::format("\"{}\" is no accessor type; valid: SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3, MAT4", a.shape));
     a.components = shape->rows * shape->columns;
     const std::uint64_t count = json["count"].required().integer(0);
     if (count == 0) json["count"].fail(ErrorCode::kOutOfRange, "an accessor has at least one element");
@@ -361,14 +364,16 @@ void GltfDocument::read_accessors() {
       const View& view = views_[std::size_t(a.view)];
       const std::size_t stride = view.stride ? view.stride : size;
       if (stride < size)
-        json.fail(fmt::format("has elements of {} bytes, but bufferViews[{}] has a stride of {}", size, a.view, stride));
+        json.fail(
+            fmt::format("has elements of {} bytes, but bufferViews[{}] has a stride of {}", size, a.view, stride));
       // Both factors fit in 53 + 8 bits.
       if (a.offset > view.bytes.size() || (count - 1) * stride + size > view.bytes.size() - a.offset)
-        json.fail(fmt::format("needs {} bytes from byte {} of bufferViews[{}], which has {}", (count - 1) * stride + size,
-                              a.offset, a.view, view.bytes.size()));
+        json.fail(fmt::format("needs {} bytes from byte {} of bufferViews[{}], which has {}",
+                              (count - 1) * stride + size, a.offset, a.view, view.bytes.size()));
     } else if (count > std::max<std::uint64_t>(total_bytes_, 65536)) {
       // Zeros cost no bytes in the file. Meshes of zeros are of no use, and sparse data belong to meshes with bytes.
-      json["count"].fail(ErrorCode::kOutOfRange, fmt::format("{} elements without data in a file of {} bytes", count, total_bytes_));
+      json["count"].fail(ErrorCode::kOutOfRange,
+                         fmt::format("{} elements without data in a file of {} bytes", count, total_bytes_));
     }
     a.count = std::size_t(count);
 
@@ -408,12 +413,18 @@ void GltfDocument::read_plain(ComponentType type, bool normalized, std::size_t c
   const char* from = view.bytes.data() + offset;
   const std::size_t stride = view.stride ? view.stride : components * component_size(type);
   switch (type) {
-    case ComponentType::kByte: return convert<std::int8_t>(from, stride, count, components, normalized, out);
-    case ComponentType::kUByte: return convert<std::uint8_t>(from, stride, count, components, normalized, out);
-    case ComponentType::kShort: return convert<std::int16_t>(from, stride, count, components, normalized, out);
-    case ComponentType::kUShort: return convert<std::uint16_t>(from, stride, count, components, normalized, out);
-    case ComponentType::kUInt: return convert<std::uint32_t>(from, stride, count, components, normalized, out);
-    case ComponentType::kFloat: return convert<float>(from, stride, count, components, normalized, out);
+    case ComponentType::kByte:
+      return convert<std::int8_t>(from, stride, count, components, normalized, out);
+    case ComponentType::kUByte:
+      return convert<std::uint8_t>(from, stride, count, components, normalized, out);
+    case ComponentType::kShort:
+      return convert<std::int16_t>(from, stride, count, components, normalized, out);
+    case ComponentType::kUShort:
+      return convert<std::uint16_t>(from, stride, count, components, normalized, out);
+    case ComponentType::kUInt:
+      return convert<std::uint32_t>(from, stride, count, components, normalized, out);
+    case ComponentType::kFloat:
+      return convert<float>(from, stride, count, components, normalized, out);
   }
 }
 
@@ -440,7 +451,8 @@ void GltfDocument::read_elements(const Accessor& a, T* out) const {
              replaced.data());
   for (std::size_t i = 0; i < count; ++i) {
     if (where[i] >= a.count || (i > 0 && where[i] <= where[i - 1]))
-      indices.fail(fmt::format("sparse index {} (number {}) is not in increasing order below {}", where[i], i, a.count));
+      indices.fail(
+          fmt::format("sparse index {} (number {}) is not in increasing order below {}", where[i], i, a.count));
     std::copy_n(replaced.begin() + std::ptrdiff_t(i * components), components, out + where[i] * components);
   }
 }
@@ -472,7 +484,8 @@ std::filesystem::path GltfDocument::resolve(const Json& uri) const {
   const std::size_t scheme = text.find_first_of(":/?#");
   if (text.empty()) uri.fail("an empty URI");
   if (scheme != text.npos && text[scheme] == ':')
-    uri.fail(ErrorCode::kUnsupported, fmt::format("\"{}\" is not a path relative to the file, nor a data URI", text.substr(0, 80)));
+    uri.fail(ErrorCode::kUnsupported,
+             fmt::format("\"{}\" is not a path relative to the file, nor a data URI", text.substr(0, 80)));
   const std::string decoded = percent_decode(text);
   if (std::any_of(decoded.begin(), decoded.end(), [](unsigned char c) { return c < 32; }))
     uri.fail("a URI with control characters");

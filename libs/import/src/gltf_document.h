@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// A glTF file's container, buffers and accessors: everything below the meaning of meshes and materials. What is read through
-// this has been checked against the bytes that are there; nothing is allocated for more elements than a file can hold.
+// A glTF file's container, buffers and accessors: everything below the meaning of meshes and materials. What is read
+// through this has been checked against the bytes that are there; nothing is allocated for more elements than a file
+// can hold.
 //
-// DEVIATION from the plan to use Debian's tiny_gltf 2.7: it reports errors without a place, reads many properties without
-// checking their types or ranges (indices of nodes, textures and buffer views are used unchecked), and gives each extension
-// as an untyped copy. Reading the JSON ourselves is less code than checking behind its back.
+// DEVIATION from the plan to use Debian's tiny_gltf 2.7: it reports errors without a place, reads many properties
+// without checking their types or ranges (indices of nodes, textures and buffer views are used unchecked), and gives
+// each extension as an untyped copy. Reading the JSON ourselves is less code than checking behind its back.
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -21,7 +22,14 @@
 namespace tempera {
 
 /// Values of glTF's componentType.
-enum class ComponentType : int { kByte = 5120, kUByte = 5121, kShort = 5122, kUShort = 5123, kUInt = 5125, kFloat = 5126 };
+enum class ComponentType : int {
+  kByte = 5120,
+  kUByte = 5121,
+  kShort = 5122,
+  kUShort = 5123,
+  kUInt = 5125,
+  kFloat = 5126
+};
 
 /// A typed view of a buffer, checked to lie inside it.
 struct Accessor {
@@ -42,7 +50,8 @@ struct Accessor {
 class GltfDocument {
  public:
   /// Reads the container, all buffers, and checks buffer views and accessors.
-  /// Errors: Error{kSyntax | kBadInput | kOutOfRange | kUnsupported | kMissingFile | kOutOfMemory} at the offending place.
+  /// Errors: Error{kSyntax | kBadInput | kOutOfRange | kUnsupported | kMissingFile | kOutOfMemory} at the offending
+  /// place.
   GltfDocument(const std::filesystem::path& file, const ImportOptions& options, InputFiles& files, Warnings& warnings);
   GltfDocument(const GltfDocument&) = delete;
 
@@ -51,8 +60,8 @@ class GltfDocument {
   Json list(std::string_view name) const { return root()[name].array(); }
   std::size_t count(std::string_view name) const { return list(name).size(); }
 
-  /// The accessor that `index` (a value of the document) names. Errors: at `index`, unless it is one of `shapes` ("VEC3", or
-  /// "VEC3|VEC4").
+  /// The accessor that `index` (a value of the document) names. Errors: at `index`, unless it is one of `shapes`
+  /// ("VEC3", or "VEC3|VEC4").
   const Accessor& accessor(const Json& index, std::string_view shapes) const;
   /// All elements as floats, components interleaved; normalised integers become fractions.
   /// Errors: sparse indices out of order; memory.

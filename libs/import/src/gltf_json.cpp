@@ -67,10 +67,12 @@ class JsonBuilder {
     return true;
   }
   bool parse_error(std::size_t, const std::string&, const nlohmann::json::exception& e) {
-    // "[json.exception.parse_error.101] parse error at line 1, column 2: syntax error while parsing ...": ours says where
+    // "[json.exception.parse_error.101] parse error at line 1, column 2: syntax error while parsing ...": ours says
+    // where
     std::string_view what = e.what();
     if (const std::size_t i = what.find("syntax error"); i != what.npos) what.remove_prefix(i);
-    throw Error(ErrorCode::kSyntax, d_.loc(begin_ + (consumed_ > 0 ? consumed_ - 1 : 0)), "not valid JSON: " + std::string(what));
+    throw Error(ErrorCode::kSyntax, d_.loc(begin_ + (consumed_ > 0 ? consumed_ - 1 : 0)),
+                "not valid JSON: " + std::string(what));
   }
 
  private:
@@ -83,7 +85,9 @@ class JsonBuilder {
   JsonDocument::Node& add(JsonDocument::Kind kind) {
     // The token starts at the first byte after the previous one that is no separator.
     std::size_t offset = token_end_;
-    const auto separates = [](char c) { return c == ' ' || c == '\t' || c == '\n' || c == '\r' || c == ',' || c == ':'; };
+    const auto separates = [](char c) {
+      return c == ' ' || c == '\t' || c == '\n' || c == '\r' || c == ',' || c == ':';
+    };
     while (offset < end_ && separates(d_.text_[offset])) ++offset;
     token_end_ = begin_ + consumed_;
 

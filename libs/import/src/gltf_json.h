@@ -16,7 +16,8 @@ namespace tempera {
 class JsonDocument;
 
 /// A value of a document, or the absence of one (a missing member; its place is then the object that lacks it).
-/// Getters throw Error{kBadInput} at the value, with its JSON pointer, when it has another type or range than asked for.
+/// Getters throw Error{kBadInput} at the value, with its JSON pointer, when it has another type or range than asked
+/// for.
 class Json {
  public:
   Json() = default;
@@ -74,10 +75,9 @@ class Json {
 /// Immutable after construction. `text` must outlive it.
 class JsonDocument {
  public:
-  /// Parses `text[begin, end)`, a part of the bytes of `file`: places are counted from the start of `text`, so that a line
-  /// number of a .glb is a line number of the file itself. At most 256 levels of nesting; the tree may take at most
-  /// `memory_limit` bytes (0: no limit).
-  /// Errors: Error{kSyntax}, Error{kOutOfMemory}.
+  /// Parses `text[begin, end)`, a part of the bytes of `file`: places are counted from the start of `text`, so that a
+  /// line number of a .glb is a line number of the file itself. At most 256 levels of nesting; the tree may take at
+  /// most `memory_limit` bytes (0: no limit). Errors: Error{kSyntax}, Error{kOutOfMemory}.
   JsonDocument(std::string file, std::string_view text, std::size_t begin, std::size_t end, std::uint64_t memory_limit);
 
   Json root() const { return {this, 0}; }
@@ -90,10 +90,10 @@ class JsonDocument {
   struct Node {
     Kind kind = Kind::kNull;
     std::uint32_t parent = 0;
-    std::uint32_t position = 0;          // among the parent's children
-    std::size_t offset = 0;              // of the value's first byte in the text
+    std::uint32_t position = 0;  // among the parent's children
+    std::size_t offset = 0;      // of the value's first byte in the text
     std::uint32_t key_begin = 0, key_size = 0;
-    std::uint32_t begin = 0, size = 0;   // of a string in `strings_`, or of children in `children_`
+    std::uint32_t begin = 0, size = 0;  // of a string in `strings_`, or of children in `children_`
     double number = 0;
   };
 

@@ -41,7 +41,10 @@ UvTransform uv_transform(const Vec2f& offset, float rotation, const Vec2f& scale
 class MovingUv final : public Texture {
  public:
   MovingUv(TexturePtr texture, int uv_set, Animated<Vec3f> offset, Animated<float> rotation, Animated<Vec3f> scale)
-      : texture_(std::move(texture)), uv_set_(uv_set), offset_(std::move(offset)), rotation_(std::move(rotation)),
+      : texture_(std::move(texture)),
+        uv_set_(uv_set),
+        offset_(std::move(offset)),
+        rotation_(std::move(rotation)),
         scale_(std::move(scale)) {}
   Rgb rgb(const ShadingPoint& point) const override { return texture_->rgb(moved(point)); }
   float scalar(const ShadingPoint& point) const override { return texture_->scalar(moved(point)); }
@@ -70,9 +73,7 @@ bool can_be_positive(const Animated<Rgb>& factor) {
   return std::any_of(factor.values().begin(), factor.values().end(), [](const Rgb& v) { return max_component(v) > 0; });
 }
 
-bool is_constant(const Slot& slot, const Rgb& value) {
-  return slot.is_constant() && slot.factor.values()[0] == value;
-}
+bool is_constant(const Slot& slot, const Rgb& value) { return slot.is_constant() && slot.factor.values()[0] == value; }
 
 /// a * b over time. Where both move, the keys of both.
 Animated<Rgb> product(const Animated<Rgb>& a, const Animated<Rgb>& b) {
@@ -96,9 +97,12 @@ Animated<Rgb> product(const Animated<Rgb>& a, const Animated<Rgb>& b) {
 
 Wrap wrap_mode(const Json& json) {
   switch (json.integer(10497)) {
-    case 10497: return Wrap::kRepeat;
-    case 33071: return Wrap::kClamp;
-    case 33648: return Wrap::kMirror;
+    case 10497:
+      return Wrap::kRepeat;
+    case 33071:
+      return Wrap::kClamp;
+    case 33648:
+      return Wrap::kMirror;
   }
   json.fail(fmt::format("{} is no wrap mode; valid: 10497 (repeat), 33071 (clamp), 33648 (mirror)", json.integer(0)));
 }
@@ -137,13 +141,15 @@ Animated<Rgb> GltfMaterials::factor(const Json& json, const std::string& pointer
   const Json value = json[name];
   if (!value) return fallback;
   if (components == 1) return Rgb(float(limited(value, fallback.r, 0, max)));
-  if (value.array().size() != components) value.fail(fmt::format("has {} elements instead of {}", value.size(), components));
+  if (value.array().size() != components)
+    value.fail(fmt::format("has {} elements instead of {}", value.size(), components));
   return Rgb(float(limited(value.at(0), 0, 0, max)), float(limited(value.at(1), 0, 0, max)),
              float(limited(value.at(2), 0, 0, max)));
 }
 
 Slot GltfMaterials::slot(const Json& json, const std::string& pointer, std::string_view factor_name, Rgb fallback,
-                         std::size_t components, std::string_view texture_name, Channel channel, ColorEncoding encoding) {
+                         std::size_t components, std::string_view texture_name, Channel channel,
+                         ColorEncoding encoding) {
   return {factor(json, pointer, factor_name, components, fallback, 1.0),
           texture(json[texture_name], fmt::format("{}/{}", pointer, texture_name), channel, encoding)};
 }
@@ -155,8 +161,8 @@ GltfMaterial GltfMaterials::make(int index, bool vertex_colors) {
   const Json extensions = json["extensions"].object();
   made.name = json["name"].string();
   if (made.name.empty()) made.name = index < 0 ? "default" : fmt::format("material{}", index);
-  for (const char* name : {"KHR_materials_iridescence", "KHR_materials_dispersion", "KHR_materials_diffuse_transmission",
-                           "KHR_materials_pbrSpecularGlossiness"})
+  for (const char* name : {"KHR_materials_iridescence", "KHR_materials_dispersion",
+                           "KHR_materials_diffuse_transmission", "KHR_materials_pbrSpecularGlossiness"})
     if (extensions[name]) document_.warn(fmt::format("extension \"{}\" is ignored", name), extensions[name]);
 
   MetallicRoughnessParams params = metallic_roughness(json, pointer, made);
@@ -164,7 +170,8 @@ GltfMaterial GltfMaterials::make(int index, bool vertex_colors) {
   if (extensions["KHR_materials_unlit"]) {
     // A picture of its own color that no light changes. It does light its surroundings: a path tracer's emitter does.
     Slot color = params.base_color;
-    if (vertex_colors) color.texture = color.texture ? make_product(color.texture, make_vertex_color()) : make_vertex_color();
+    if (vertex_colors)
+      color.texture = color.texture ? make_product(color.texture, make_vertex_color()) : make_vertex_color();
     made.emission = AreaEmission{std::move(color), true};
     made.material = make_black();
     made.uses_tangents = false;
@@ -177,19 +184,21 @@ GltfMaterial GltfMaterials::make(int index, bool vertex_colors) {
     }
     // Radiance factor * texture * strength; both sides shine, as in Cycles.
     const Json strength = extensions["KHR_materials_emissive_strength"].object();
-    const Animated<Rgb> emissive =
-        product(factor(json, pointer, "emissiveFactor", 3, Rgb(0.0f), 1e30),
-                factor(strength, pointer + "/extensions/KHR_materials_emissive_strength", "emissiveStrength", 1, Rgb(1.0f), 1e30));
+    const Animated<Rgb> emissive = product(factor(json, pointer, "emissiveFactor", 3, Rgb(0.0f), 1e30),
+                                           factor(strength, pointer + "/extensions/KHR_materials_emissive_strength",
+                                                  "emissiveStrength", 1, Rgb(1.0f), 1e30));
     const Json emissive_texture = json["emissiveTexture"];
     if (can_be_positive(emissive))
       made.emission = AreaEmission{
-          {emissive, texture(emissive_texture, pointer + "/emissiveTexture", Channel::kRgb, ColorEncoding::kSrgb)}, true};
+          {emissive, texture(emissive_texture, pointer + "/emissiveTexture", Channel::kRgb, ColorEncoding::kSrgb)},
+          true};
   }
   made.material = with_alpha(made.material, json, pointer, vertex_colors);
   return made;
 }
 
-MetallicRoughnessParams GltfMaterials::metallic_roughness(const Json& json, const std::string& pointer, GltfMaterial& made) {
+MetallicRoughnessParams GltfMaterials::metallic_roughness(const Json& json, const std::string& pointer,
+                                                          GltfMaterial& made) {
   constexpr auto kLinear = ColorEncoding::kLinear, kSrgb = ColorEncoding::kSrgb;
   const Rgb white(1.0f), black(0.0f);
   MetallicRoughnessParams p;
@@ -209,7 +218,8 @@ MetallicRoughnessParams GltfMaterials::metallic_roughness(const Json& json, cons
 
   if (const Json e = extension("KHR_materials_ior")) {
     const double ior = e["ior"].number(1.5);
-    if (ior != 0 && !(ior >= 1 && ior < 1e3)) e["ior"].fail(ErrorCode::kOutOfRange, fmt::format("{} is neither 0 nor at least 1", ior));
+    if (ior != 0 && !(ior >= 1 && ior < 1e3))
+      e["ior"].fail(ErrorCode::kOutOfRange, fmt::format("{} is neither 0 nor at least 1", ior));
     if (ior == 0) document_.warn("an index of refraction of 0 (all light is reflected) is read as 1.5", e);
     p.ior = ior == 0 ? 1.5f : float(ior);
   }
@@ -220,7 +230,8 @@ MetallicRoughnessParams GltfMaterials::metallic_roughness(const Json& json, cons
                         texture(e["specularColorTexture"], name + "/specularColorTexture", Channel::kRgb, kSrgb)};
   }
   if (const Json e = extension("KHR_materials_transmission")) {
-    p.transmission = slot(e, path("KHR_materials_transmission"), "transmissionFactor", black, 1, "transmissionTexture", Channel::kR, kLinear);
+    p.transmission = slot(e, path("KHR_materials_transmission"), "transmissionFactor", black, 1, "transmissionTexture",
+                          Channel::kR, kLinear);
     // glTF calls a surface without KHR_materials_volume thin-walled. Blender's exporter writes that extension only for
     // materials with a special node group, while Cycles renders every transmissive surface as the hull of a solid. What
     // comes from there shall look as it does there.
@@ -245,7 +256,8 @@ MetallicRoughnessParams GltfMaterials::metallic_roughness(const Json& json, cons
   if (const Json e = extension("KHR_materials_clearcoat")) {
     const std::string name = path("KHR_materials_clearcoat");
     p.clearcoat = slot(e, name, "clearcoatFactor", black, 1, "clearcoatTexture", Channel::kR, kLinear);
-    p.clearcoat_roughness = slot(e, name, "clearcoatRoughnessFactor", black, 1, "clearcoatRoughnessTexture", Channel::kG, kLinear);
+    p.clearcoat_roughness =
+        slot(e, name, "clearcoatRoughnessFactor", black, 1, "clearcoatRoughnessTexture", Channel::kG, kLinear);
     const Json normal = e["clearcoatNormalTexture"].object();
     if (!is_constant(p.clearcoat, black)) {
       p.clearcoat_normal = texture(normal, name + "/clearcoatNormalTexture", Channel::kRgb, kLinear);
@@ -262,17 +274,20 @@ MetallicRoughnessParams GltfMaterials::metallic_roughness(const Json& json, cons
     const std::string name = path("KHR_materials_anisotropy");
     p.anisotropy = slot(e, name, "anisotropyStrength", black, 1, "anisotropyTexture", Channel::kB, kLinear);
     p.anisotropy_rotation = float(e["anisotropyRotation"].number(0));
-    if (e["anisotropyTexture"]) document_.warn("the directions in an anisotropyTexture are ignored", e["anisotropyTexture"]);
+    if (e["anisotropyTexture"])
+      document_.warn("the directions in an anisotropyTexture are ignored", e["anisotropyTexture"]);
     made.uses_tangents |= !is_constant(p.anisotropy, black);
   }
   return p;
 }
 
-MaterialPtr GltfMaterials::with_alpha(MaterialPtr opaque, const Json& json, const std::string& pointer, bool vertex_colors) {
+MaterialPtr GltfMaterials::with_alpha(MaterialPtr opaque, const Json& json, const std::string& pointer,
+                                      bool vertex_colors) {
   const Json mode = json["alphaMode"];
   const std::string_view name = mode.string("OPAQUE");
   if (name == "OPAQUE") return opaque;
-  if (name != "MASK" && name != "BLEND") mode.fail(fmt::format("\"{}\" is no alpha mode; valid: OPAQUE, MASK, BLEND", name));
+  if (name != "MASK" && name != "BLEND")
+    mode.fail(fmt::format("\"{}\" is no alpha mode; valid: OPAQUE, MASK, BLEND", name));
 
   const Json pbr = json["pbrMetallicRoughness"].object();
   const std::string at = pointer + "/pbrMetallicRoughness";
@@ -318,7 +333,8 @@ GltfMaterials::TexturePtr GltfMaterials::texture(const Json& info, const std::st
   const Track* moving_scale = animations_.find(at + "/scale", 2);
   const Track* moving_rotation = animations_.find(at + "/rotation", 1);
   if (!moving_offset && !moving_scale && !moving_rotation) {
-    params.transform = uv_transform({float(offset[0]), float(offset[1])}, float(rotation), {float(scale[0]), float(scale[1])});
+    params.transform =
+        uv_transform({float(offset[0]), float(offset[1])}, float(rotation), {float(scale[0]), float(scale[1])});
     return image_texture(info, params);
   }
   const auto vec2 = [](const Track* track, const double* constant) {
@@ -327,14 +343,16 @@ GltfMaterials::TexturePtr GltfMaterials::texture(const Json& info, const std::st
   };
   TexturePtr image = image_texture(info, params);
   if (!image) return nullptr;
-  return std::make_shared<MovingUv>(
-      std::move(image), params.uv_set, vec2(moving_offset, offset),
-      moving_rotation ? map_linear<float>(*moving_rotation, [](const float* v) { return v[0]; }) : Animated<float>(float(rotation)),
-      vec2(moving_scale, scale));
+  return std::make_shared<MovingUv>(std::move(image), params.uv_set, vec2(moving_offset, offset),
+                                    moving_rotation
+                                        ? map_linear<float>(*moving_rotation, [](const float* v) { return v[0]; })
+                                        : Animated<float>(float(rotation)),
+                                    vec2(moving_scale, scale));
 }
 
 GltfMaterials::TexturePtr GltfMaterials::image_texture(const Json& info, ImageTextureParams params) {
-  const Json json = document_.list("textures").at(std::size_t(info["index"].index(document_.count("textures"), "textures"))).object();
+  const Json json =
+      document_.list("textures").at(std::size_t(info["index"].index(document_.count("textures"), "textures"))).object();
   const Json sampler_index = json["sampler"];
   const int sampler = sampler_index.optional_index(document_.count("samplers"), "samplers");
   if (sampler >= 0) {
@@ -347,10 +365,12 @@ GltfMaterials::TexturePtr GltfMaterials::image_texture(const Json& info, ImageTe
   }
 
   const Json extensions = json["extensions"].object();
-  const Json webp = extensions["EXT_texture_webp"].object()["source"], basisu = extensions["KHR_texture_basisu"].object()["source"];
+  const Json webp = extensions["EXT_texture_webp"].object()["source"],
+             basisu = extensions["KHR_texture_basisu"].object()["source"];
   const Json source = webp ? webp : json["source"];
   if (!source) {
-    document_.warn(basisu ? "textures in KTX2 (KHR_texture_basisu) are ignored" : "textures without an image are ignored", json);
+    document_.warn(
+        basisu ? "textures in KTX2 (KHR_texture_basisu) are ignored" : "textures without an image are ignored", json);
     return nullptr;
   }
   const int index = source.index(document_.count("images"), "images");

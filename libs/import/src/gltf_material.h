@@ -21,7 +21,8 @@ struct GltfMaterial {
 
 class GltfMaterials {
  public:
-  GltfMaterials(const GltfDocument& document, GltfAnimations& animations) : document_(document), animations_(animations) {}
+  GltfMaterials(const GltfDocument& document, GltfAnimations& animations)
+      : document_(document), animations_(animations) {}
 
   /// Material `index` (-1: glTF's default) for meshes with or without vertex colors. The reference stays valid.
   /// Errors: at the offending property or image.
@@ -32,14 +33,16 @@ class GltfMaterials {
   GltfMaterial make(int index, bool vertex_colors);
   MetallicRoughnessParams metallic_roughness(const Json& json, const std::string& pointer, GltfMaterial& made);
   MaterialPtr with_alpha(MaterialPtr opaque, const Json& json, const std::string& pointer, bool vertex_colors);
-  /// Null if `info` is missing or names nothing that can be read. `pointer` is that of `info`, which animations may name.
+  /// Null if `info` is missing or names nothing that can be read. `pointer` is that of `info`, which animations may
+  /// name.
   TexturePtr texture(const Json& info, const std::string& pointer, Channel channel, ColorEncoding encoding);
   TexturePtr image_texture(const Json& info, ImageTextureParams params);
-  /// Factor `name` of `json` (an object or missing, at `pointer`), animated if the file animates it; one number makes gray.
+  /// Factor `name` of `json` (an object or missing, at `pointer`), animated if the file animates it; one number makes
+  /// gray.
   Animated<Rgb> factor(const Json& json, const std::string& pointer, std::string_view name, std::size_t components,
                        Rgb fallback, double max);
-  Slot slot(const Json& json, const std::string& pointer, std::string_view factor_name, Rgb fallback, std::size_t components,
-            std::string_view texture_name, Channel channel, ColorEncoding encoding);
+  Slot slot(const Json& json, const std::string& pointer, std::string_view factor_name, Rgb fallback,
+            std::size_t components, std::string_view texture_name, Channel channel, ColorEncoding encoding);
   double limited(const Json& json, double fallback, double min, double max);
 
   const GltfDocument& document_;

@@ -46,12 +46,14 @@ class PrimitiveReader {
   std::size_t vertices_ = 0;
 };
 
-const DracoPrimitive::Attribute* PrimitiveReader::draco_attribute(const Json& list, std::string_view semantic, int components) const {
+const DracoPrimitive::Attribute* PrimitiveReader::draco_attribute(const Json& list, std::string_view semantic,
+                                                                  int components) const {
   if (!draco_ || list.key() != "attributes") return nullptr;  // morph targets are never compressed
   for (const auto& a : draco_->attributes) {
     if (a.semantic != semantic) continue;
     if (a.components != components)
-      list[semantic].fail(fmt::format("the compressed attribute has {} components instead of {}", a.components, components));
+      list[semantic].fail(
+          fmt::format("the compressed attribute has {} components instead of {}", a.components, components));
     return &a;
   }
   return nullptr;
@@ -59,13 +61,15 @@ const DracoPrimitive::Attribute* PrimitiveReader::draco_attribute(const Json& li
 
 /// Empty if `list` has no such attribute. Finite numbers only.
 template <class Vec>
-std::vector<Vec> PrimitiveReader::attribute(const Json& list, const std::string& semantic, std::string_view shape, bool fraction) {
+std::vector<Vec> PrimitiveReader::attribute(const Json& list, const std::string& semantic, std::string_view shape,
+                                            bool fraction) {
   const Json index = list[semantic];
   if (!index) return {};
   constexpr std::size_t kComponents = sizeof(Vec) / sizeof(float);
   const Accessor& a = document_.accessor(index, shape);
   if (a.type == ComponentType::kUInt || (fraction && !a.is_fraction()))
-    index.fail(fmt::format("{} cannot be stored as component type {}{}", semantic, int(a.type), a.normalized ? "" : " that is not normalized"));
+    index.fail(fmt::format("{} cannot be stored as component type {}{}", semantic, int(a.type),
+                           a.normalized ? "" : " that is not normalized"));
   std::vector<Vec> values;
   if (const auto* compressed = draco_attribute(list, semantic, int(kComponents))) {
     values.resize(draco_->vertices);
@@ -77,7 +81,8 @@ std::vector<Vec> PrimitiveReader::attribute(const Json& list, const std::string&
   }
   for (std::size_t i = 0; i < values.size(); ++i)
     for (std::size_t c = 0; c < kComponents; ++c)
-      if (!std::isfinite(flat(values)[i * kComponents + c])) index.fail(fmt::format("{} of vertex {} is not finite", semantic, i));
+      if (!std::isfinite(flat(values)[i * kComponents + c]))
+        index.fail(fmt::format("{} of vertex {} is not finite", semantic, i));
   return values;
 }
 
@@ -103,7 +108,8 @@ GltfPrimitive PrimitiveReader::read() {
   } else {
     vertices_ = document_.accessor(position, "VEC3").count;
   }
-  if (vertices_ > std::numeric_limits<std::uint32_t>::max() - 1) position.fail("a primitive of more than 2^32 - 2 vertices");
+  if (vertices_ > std::numeric_limits<std::uint32_t>::max() - 1)
+    position.fail("a primitive of more than 2^32 - 2 vertices");
   // Positions, normals, tangents, two uvs and colors at most; charged before they are read.
   document_.files().charge(vertices_ * (sizeof(Vec3f) * std::min<std::size_t>(attributes.size(), 8)), primitive_.loc());
 
@@ -114,15 +120,18 @@ GltfPrimitive PrimitiveReader::read() {
   mesh.uvs1 = attribute<Vec2f>(attributes, "TEXCOORD_1", "VEC2", false);
   for (Vec3f& n : mesh.normals) {
     const float l2 = length_squared(n);
-    if (std::abs(l2 - 1) > 0.02f) document_.warn("normals that are not unit vectors are normalized", attributes["NORMAL"]);
+    if (std::abs(l2 - 1) > 0.02f)
+      document_.warn("normals that are not unit vectors are normalized", attributes["NORMAL"]);
     n = l2 > 0 ? n * (1 / std::sqrt(l2)) : Vec3f(0, 0, 0);
   }
   const auto tangents = attribute<Vec4>(attributes, "TANGENT", "VEC4", true);
   if (!mesh.normals.empty()) {  // without normals there are no tangents either (glTF 2.0, 3.7.2.1)
     for (const Vec4& t : tangents) {
       const Vec3f v(t[0], t[1], t[2]);
-      if (std::abs(length_squared(v) - 1) > 0.02f) document_.warn("tangents that are not unit vectors are normalized", attributes["TANGENT"]);
-      if (t[3] != 1 && t[3] != -1) document_.warn("tangents whose sign is neither 1 nor -1 get the nearer one", attributes["TANGENT"]);
+      if (std::abs(length_squared(v) - 1) > 0.02f)
+        document_.warn("tangents that are not unit vectors are normalized", attributes["TANGENT"]);
+      if (t[3] != 1 && t[3] != -1)
+        document_.warn("tangents whose sign is neither 1 nor -1 get the nearer one", attributes["TANGENT"]);
       mesh.tangents.push_back(normalize(v));
       mesh.tangent_signs.push_back(t[3] < 0 ? -1.0f : 1.0f);
     }
@@ -156,7 +165,8 @@ void PrimitiveReader::read_colors(const Json& attributes) {
   Mesh& mesh = out_.mesh;
   out_.has_colors = true;
   if (document_.accessor(index, "VEC3|VEC4").components == 3) {
-    for (const Vec3f& c : attribute<Vec3f>(attributes, "COLOR_0", "VEC3", true)) mesh.colors.emplace_back(c.x, c.y, c.z);
+    for (const Vec3f& c : attribute<Vec3f>(attributes, "COLOR_0", "VEC3", true))
+      mesh.colors.emplace_back(c.x, c.y, c.z);
   } else {
     for (const Vec4& c : attribute<Vec4>(attributes, "COLOR_0", "VEC4", true)) {
       mesh.colors.emplace_back(c[0], c[1], c[2]);
@@ -211,7 +221,8 @@ void PrimitiveReader::read_weights(const Json& attributes) {
       for (std::size_t c = 0; c < 4; ++c) {
         const float w = weights[set][v][c];
         if (w == 0) continue;
-        if (w < 0) attributes[fmt::format("WEIGHTS_{}", set)].fail(fmt::format("weight {} of vertex {} is negative", w, v));
+        if (w < 0)
+          attributes[fmt::format("WEIGHTS_{}", set)].fail(fmt::format("weight {} of vertex {} is negative", w, v));
         const auto joint = std::size_t(joints[set][v][c]);
         skin.indices[v * most + n] = std::uint16_t(joint);
         skin.weights[v * most + n++] = w;
@@ -219,7 +230,8 @@ void PrimitiveReader::read_weights(const Json& attributes) {
         sum += w;
       }
     }
-    if (std::abs(sum - 1) > 0.02) document_.warn("joint weights that do not sum to 1 are normalized", attributes["WEIGHTS_0"]);
+    if (std::abs(sum - 1) > 0.02)
+      document_.warn("joint weights that do not sum to 1 are normalized", attributes["WEIGHTS_0"]);
     if (sum > 0) {
       for (std::size_t k = 0; k < n; ++k) skin.weights[v * most + k] = float(skin.weights[v * most + k] / sum);
     } else {
@@ -256,18 +268,22 @@ std::vector<std::uint32_t> PrimitiveReader::read_indices() {
     return indices;
   }
   const Accessor& a = document_.accessor(json, "SCALAR");
-  if ((a.type != ComponentType::kUByte && a.type != ComponentType::kUShort && a.type != ComponentType::kUInt) || a.normalized)
+  if ((a.type != ComponentType::kUByte && a.type != ComponentType::kUShort && a.type != ComponentType::kUInt) ||
+      a.normalized)
     json.fail("indices are of component type 5121, 5123 or 5125, not normalized");
   document_.files().charge(a.count * sizeof(std::uint32_t), json.loc());
   indices.resize(a.count);
   document_.read(a, indices.data());
   // The largest number of a type would restart a strip in other formats; glTF forbids it.
-  const std::uint32_t restart = a.type == ComponentType::kUByte ? 0xff : a.type == ComponentType::kUShort ? 0xffff : 0xffffffff;
+  const std::uint32_t restart = a.type == ComponentType::kUByte    ? 0xff
+                                : a.type == ComponentType::kUShort ? 0xffff
+                                                                   : 0xffffffff;
   for (std::size_t i = 0; i < indices.size(); ++i) {
     if (indices[i] >= vertices_ || indices[i] == restart)
-      json.fail(ErrorCode::kOutOfRange, fmt::format("index {} (number {}) {}", indices[i], i,
-                                                    indices[i] >= vertices_ ? fmt::format("refers past the last of {} vertices", vertices_)
-                                                                            : "is the largest of its type, which is not allowed"));
+      json.fail(ErrorCode::kOutOfRange,
+                fmt::format("index {} (number {}) {}", indices[i], i,
+                            indices[i] >= vertices_ ? fmt::format("refers past the last of {} vertices", vertices_)
+                                                    : "is the largest of its type, which is not allowed"));
   }
   return indices;
 }
@@ -310,15 +326,16 @@ GltfMesh read_mesh(const GltfDocument& document, const Json& json) {
   }
   mesh.weights.assign(mesh.targets, 0.0f);
   std::vector<double> weights(mesh.targets, 0.0);
-  if (json["weights"].numbers(weights.data(), mesh.targets)) std::copy(weights.begin(), weights.end(), mesh.weights.begin());
+  if (json["weights"].numbers(weights.data(), mesh.targets))
+    std::copy(weights.begin(), weights.end(), mesh.weights.begin());
   return mesh;
 }
 
 void make_tangents(Mesh& mesh) {
   const std::size_t vertices = mesh.positions.size();
   if (mesh.normals.empty() || mesh.uvs.empty() || !mesh.tangents.empty()) return;
-  // A triangle whose texture is mirrored has its bitangent on the other side. Its vertices are not shared with triangles
-  // that are not mirrored: sums[s] is for those with sign s.
+  // A triangle whose texture is mirrored has its bitangent on the other side. Its vertices are not shared with
+  // triangles that are not mirrored: sums[s] is for those with sign s.
   struct Sum {
     Vec3f tangent;
     bool used = false;
@@ -378,7 +395,8 @@ void make_tangents(Mesh& mesh) {
     mesh.tangents[v] = Basis::with_tangent(mesh.normals[v], sum).s;
     mesh.tangent_signs[v] = is_mirrored ? -1.0f : 1.0f;
   };
-  for (std::size_t v = 0; v < vertices; ++v) finish(v, sums[v][sums[v][0].used ? 0 : 1].tangent, !sums[v][0].used && sums[v][1].used);
+  for (std::size_t v = 0; v < vertices; ++v)
+    finish(v, sums[v][sums[v][0].used ? 0 : 1].tangent, !sums[v][0].used && sums[v][1].used);
   for (std::size_t i = 0; i < source.size(); ++i) finish(vertices + i, sums[source[i]][1].tangent, true);
 }
 

@@ -10,7 +10,7 @@ namespace tempera {
 
 struct GltfPrimitive {
   Json json;
-  Mesh mesh;               ///< skin without joints, which belong to the node; no triangles for points and lines
+  Mesh mesh;  ///< skin without joints, which belong to the node; no triangles for points and lines
   int material = -1;
   bool has_colors = false;
   std::size_t max_joint = 0;  ///< largest joint index with a weight
@@ -19,8 +19,8 @@ struct GltfPrimitive {
 struct GltfMesh {
   Json json;
   std::vector<GltfPrimitive> primitives;
-  std::size_t targets = 0;        ///< morph targets, the same for all primitives
-  std::vector<float> weights;     ///< default weight of each
+  std::size_t targets = 0;     ///< morph targets, the same for all primitives
+  std::vector<float> weights;  ///< default weight of each
 };
 
 /// Errors: at the offending accessor or property.

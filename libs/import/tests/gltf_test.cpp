@@ -33,7 +33,8 @@ std::string base64(const std::string& bytes) {
 
 /// 2 x 2 pixels, RGBA: red 255, green 128 / blue 64, white 0 (alpha is the number).
 constexpr const char* kPng =
-    "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAYAAABytg0kAAAAF0lEQVR42mP4z8DwHwgbGIC0w////xkAQBgHul5CkSMAAAAASUVORK5CYII=";
+    "data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAIAAAACCAYAAABytg0kAAAAF0lEQVR42mP4z8DwHwgbGIC0w////"
+    "xkAQBgHul5CkSMAAAAASUVORK5CYII=";
 
 /// Collects numbers into a buffer and describes them as accessors.
 class Buffer {
@@ -42,10 +43,12 @@ class Buffer {
   int add(const std::vector<T>& numbers, const std::string& shape, int type, const std::string& more = {}) {
     const int components = shape == "SCALAR" ? 1 : shape == "MAT4" ? 16 : shape.back() - '0';
     bytes_.resize((bytes_.size() + 3) / 4 * 4);
-    views_.push_back(fmt::format(R"({{"buffer":0,"byteOffset":{},"byteLength":{}}})", bytes_.size(), numbers.size() * sizeof(T)));
+    views_.push_back(
+        fmt::format(R"({{"buffer":0,"byteOffset":{},"byteLength":{}}})", bytes_.size(), numbers.size() * sizeof(T)));
     bytes_.append(reinterpret_cast<const char*>(numbers.data()), numbers.size() * sizeof(T));
-    accessors_.push_back(fmt::format(R"({{"bufferView":{},"componentType":{},"count":{},"type":"{}","min":[0],"max":[0]{}}})",
-                                     views_.size() - 1, type, numbers.size() / std::size_t(components), shape, more));
+    accessors_.push_back(
+        fmt::format(R"({{"bufferView":{},"componentType":{},"count":{},"type":"{}","min":[0],"max":[0]{}}})",
+                    views_.size() - 1, type, numbers.size() / std::size_t(components), shape, more));
     return int(accessors_.size()) - 1;
   }
   int floats(const std::vector<float>& numbers, const std::string& shape) { return add(numbers, shape, 5126); }
@@ -67,7 +70,8 @@ class Buffer {
 std::string asset(const std::string& rest) { return R"({"asset":{"version":"2.0"},)" + rest + "}"; }
 
 /// One triangle at node 0 with the given material and attributes beyond POSITION.
-std::string triangle(Buffer& buffer, const std::string& attributes, const std::string& rest, const std::string& primitive = {}) {
+std::string triangle(Buffer& buffer, const std::string& attributes, const std::string& rest,
+                     const std::string& primitive = {}) {
   const int position = buffer.floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3");
   return asset(fmt::format(R"("nodes":[{{"mesh":0,"name":"thing"}}],
 "meshes":[{{"primitives":[{{"attributes":{{"POSITION":{}{}}}{}}}]}}],
@@ -118,8 +122,8 @@ class Gltf : public testing::Test {
     return scene;
   }
   /// `line` 0: do not care.
-  void expect_error(const std::string& bytes, ErrorCode code, int line, const std::string& part, const std::string& name = "test.gltf",
-                    const ImportOptions& options = {}) const {
+  void expect_error(const std::string& bytes, ErrorCode code, int line, const std::string& part,
+                    const std::string& name = "test.gltf", const ImportOptions& options = {}) const {
     Warnings warnings;
     try {
       import_gltf(write(name, bytes), options, warnings);
@@ -165,7 +169,8 @@ void expect_near(const Vec3d& a, const Vec3d& b, double tolerance) {
   EXPECT_NEAR(a.z, b.z, tolerance);
 }
 
-// --- sample files -------------------------------------------------------------------------------------------------------
+// --- sample files
+// -------------------------------------------------------------------------------------------------------
 
 struct Sample {
   const char* file;
@@ -228,19 +233,25 @@ TEST_F(Gltf, InterpolationsMatchHandEvaluatedValues) {
   const fs::path file = shared_scenes() / "gltf/InterpolationTest/InterpolationTest.glb";
   if (!fs::exists(file)) GTEST_SKIP();
   const Scene scene = load_sample(file);  // nine clips on nine nodes play together
-  const auto local = [&](const char* node, double t) { return scene.nodes[std::size_t(node_named(scene, node))].local.at(t); };
+  const auto local = [&](const char* node, double t) {
+    return scene.nodes[std::size_t(node_named(scene, node))].local.at(t);
+  };
   const auto scale_of = [&](const char* node, double t) { return length(local(node, t).x); };
   // Scale keys 1, 0.5, 1, ... at 1/24, 10/24, 21/24 s.
-  EXPECT_NEAR(scale_of("Cube", 0.4), 1, 1e-6);                       // step
+  EXPECT_NEAR(scale_of("Cube", 0.4), 1, 1e-6);  // step
   EXPECT_NEAR(scale_of("Cube", 0.42), 0.5, 1e-6);
-  EXPECT_NEAR(scale_of("Cube", -1), 1, 1e-6);                        // clamped
-  EXPECT_NEAR(scale_of("Cube.001", 1 / 24.0 + 0.375 / 4), 0.875, 1e-6);     // linear, a quarter of the way
-  EXPECT_NEAR(scale_of("Cube.002", 1 / 24.0 + 0.375 / 4), 0.921875, 1e-6);  // cubic with zero tangents: 1 - 0.5 (3/16 - 2/64)
+  EXPECT_NEAR(scale_of("Cube", -1), 1, 1e-6);                            // clamped
+  EXPECT_NEAR(scale_of("Cube.001", 1 / 24.0 + 0.375 / 4), 0.875, 1e-6);  // linear, a quarter of the way
+  EXPECT_NEAR(scale_of("Cube.002", 1 / 24.0 + 0.375 / 4), 0.921875,
+              1e-6);  // cubic with zero tangents: 1 - 0.5 (3/16 - 2/64)
   // Rotations about z by 0, -45, -90 degrees at 0, 10/24, 21/24 s.
-  const auto angle_of = [&](const char* node, double t) { return std::atan2(local(node, t).x.y, local(node, t).x.x) * 180 / kPiD; };
+  const auto angle_of = [&](const char* node, double t) {
+    return std::atan2(local(node, t).x.y, local(node, t).x.x) * 180 / kPiD;
+  };
   EXPECT_NEAR(angle_of("Cube.003", 0.5), -45, 1e-4);
   EXPECT_NEAR(angle_of("Cube.005", 5 / 24.0), -22.5, 1e-4);  // slerp: constant speed
-  // Middle of the first segment: 0.5 p0 + dt/8 m0 + 0.5 p1 - dt/8 m1, z and w before normalisation -0.1888472, 0.9619997.
+  // Middle of the first segment: 0.5 p0 + dt/8 m0 + 0.5 p1 - dt/8 m1, z and w before normalisation -0.1888472,
+  // 0.9619997.
   EXPECT_NEAR(angle_of("Cube.004", 5 / 24.0), 2 * std::atan2(-0.1888472, 0.9619997) * 180 / kPiD, 1e-3);
   // Translations.
   expect_near(local("Cube.006", 0.7).translation, {0, 10, 0}, 1e-5);
@@ -266,7 +277,7 @@ TEST_F(Gltf, SkinsFollowTheirJoints) {
     Vec3d position;
   };
   const Expected man[] = {
-      {0.3, 0, {0.021497, 0.977125, 0.109360}},    {0.3, 1000, {-0.090686, 1.436907, -0.076245}},
+      {0.3, 0, {0.021497, 0.977125, 0.109360}},     {0.3, 1000, {-0.090686, 1.436907, -0.076245}},
       {0.3, 2000, {0.042601, 0.211689, -0.201956}}, {0.3, 3000, {0.096071, 1.430778, 0.172575}},
       {0.77, 0, {0.015816, 0.932890, 0.105551}},    {0.77, 1000, {-0.092638, 1.401575, -0.062606}},
       {0.77, 2000, {0.041790, 0.153812, 0.428880}}, {0.77, 3000, {0.136571, 1.372015, 0.145569}},
@@ -353,7 +364,8 @@ TEST_F(Gltf, BlenderFilesPlayAllAnimationsAndKeepTheirLook) {
     shape.material->add_lobes(point, 1, bsdf);
     bool refracts = false;
     for (int i = 0; i < 64; ++i)
-      if (const auto sample = bsdf.sample(point.wo, (float(i) + 0.5f) / 64, {0.5f, 0.5f}); sample && sample->transmitted) {
+      if (const auto sample = bsdf.sample(point.wo, (float(i) + 0.5f) / 64, {0.5f, 0.5f});
+          sample && sample->transmitted) {
         refracts = true;
         EXPECT_NEAR(-sample->wi.x, std::sqrt(0.5f) / 1.5f, 1e-3);
       }
@@ -363,13 +375,17 @@ TEST_F(Gltf, BlenderFilesPlayAllAnimationsAndKeepTheirLook) {
 
 TEST_F(Gltf, ClipsThatCannotPlayTogetherAreChosenAsWholes) {
   Buffer buffer;
-  const int times = buffer.floats({0, 2}, "SCALAR"), move = buffer.floats({0, 0, 0, 2, 0, 0}, "VEC3"), grow = buffer.floats({1, 1, 1, 3, 3, 3}, "VEC3");
+  const int times = buffer.floats({0, 2}, "SCALAR"), move = buffer.floats({0, 0, 0, 2, 0, 0}, "VEC3"),
+            grow = buffer.floats({1, 1, 1, 3, 3, 3}, "VEC3");
   const auto clip = [&](const char* name, int node, const char* path, int output) {
-    return fmt::format(R"({{"name":"{}","samplers":[{{"input":{},"output":{}}}],"channels":[{{"sampler":0,"target":{{"node":{},"path":"{}"}}}}]}})",
-                       name, times, output, node, path);
+    return fmt::format(
+        R"({{"name":"{}","samplers":[{{"input":{},"output":{}}}],"channels":[{{"sampler":0,"target":{{"node":{},"path":"{}"}}}}]}})",
+        name, times, output, node, path);
   };
-  const std::string json = asset(fmt::format(R"("nodes":[{{"name":"a"}},{{"name":"b"}}],"animations":[{},{},{},{}],{})", clip("walk", 0, "translation", move),
-                                             clip("run", 0, "translation", grow), clip("grow", 0, "scale", grow), clip("other", 1, "translation", move), buffer.json()));
+  const std::string json =
+      asset(fmt::format(R"("nodes":[{{"name":"a"}},{{"name":"b"}}],"animations":[{},{},{},{}],{})",
+                        clip("walk", 0, "translation", move), clip("run", 0, "translation", grow),
+                        clip("grow", 0, "scale", grow), clip("other", 1, "translation", move), buffer.json()));
   {
     const Scene scene = load(json);
     EXPECT_NEAR(scene.nodes[0].local.at(1).translation.x, 1, 1e-6);
@@ -392,14 +408,16 @@ TEST_F(Gltf, ClipsThatCannotPlayTogetherAreChosenAsWholes) {
   expect_error(json, ErrorCode::kUnknownName, 1, "no animation \"wlak\"; known: walk", "test.gltf", options);
 }
 
-// --- geometry -----------------------------------------------------------------------------------------------------------
+// --- geometry
+// -----------------------------------------------------------------------------------------------------------
 
 TEST_F(Gltf, StripsAndFansKeepTheirWinding) {
   Buffer buffer;
   const int strip = buffer.floats({0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0, 0, 2, 0}, "VEC3");
   const int fan = buffer.floats({0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0}, "VEC3");
   const Scene scene = load(asset(fmt::format(
-      R"("nodes":[{{"mesh":0}}],"meshes":[{{"name":"m","primitives":[{{"mode":5,"attributes":{{"POSITION":{}}}}},{{"mode":6,"attributes":{{"POSITION":{}}}}}]}}],{})", strip, fan, buffer.json())));
+      R"("nodes":[{{"mesh":0}}],"meshes":[{{"name":"m","primitives":[{{"mode":5,"attributes":{{"POSITION":{}}}}},{{"mode":6,"attributes":{{"POSITION":{}}}}}]}}],{})",
+      strip, fan, buffer.json())));
   ASSERT_EQ(scene.groups.size(), 1u);
   ASSERT_EQ(scene.groups[0].size(), 2u);
   EXPECT_EQ(scene.shapes[0].name, "m[0]");
@@ -411,10 +429,14 @@ TEST_F(Gltf, QuantizedInterleavedSparseAndColoredAttributes) {
   // One buffer: interleaved vertices of three normalized shorts, two bytes of padding, three normalized bytes, one of
   // padding, and a color of four normalized bytes (16 bytes); then a sparse index (and padding), then its two floats.
   std::string bytes;
-  const auto put = [&](auto... numbers) { (bytes.append(reinterpret_cast<const char*>(&numbers), sizeof(numbers)), ...); };
+  const auto put = [&](auto... numbers) {
+    (bytes.append(reinterpret_cast<const char*>(&numbers), sizeof(numbers)), ...);
+  };
   using S = std::int16_t;
   using C = std::uint8_t;
-  const auto vertex = [&](S x, S y, S z, C r, C g, C b, C a) { put(x, y, z, S(0), std::int8_t(0), std::int8_t(0), std::int8_t(127), C(0), r, g, b, a); };
+  const auto vertex = [&](S x, S y, S z, C r, C g, C b, C a) {
+    put(x, y, z, S(0), std::int8_t(0), std::int8_t(0), std::int8_t(127), C(0), r, g, b, a);
+  };
   vertex(0, 0, -32768, 255, 0, 0, 255);
   vertex(32767, 0, 0, 0, 51, 0, 255);
   vertex(0, 16384, 0, 0, 0, 255, 0);
@@ -426,7 +448,8 @@ TEST_F(Gltf, QuantizedInterleavedSparseAndColoredAttributes) {
 {{"bufferView":0,"byteOffset":12,"componentType":5121,"normalized":true,"count":3,"type":"VEC4"}},
 {{"componentType":5126,"count":3,"type":"VEC2","sparse":{{"count":1,"indices":{{"bufferView":1,"componentType":5121}},"values":{{"bufferView":1,"byteOffset":4}}}}}}],
 "bufferViews":[{{"buffer":0,"byteLength":48,"byteStride":16}},{{"buffer":0,"byteOffset":48,"byteLength":12}}],
-"buffers":[{{"byteLength":60,"uri":"data:application/octet-stream;base64,{}"}}])", base64(bytes))));
+"buffers":[{{"byteLength":60,"uri":"data:application/octet-stream;base64,{}"}}])",
+      base64(bytes))));
   const Mesh& mesh = mesh_of(scene);
   EXPECT_EQ(mesh.positions[0], Vec3f(0, 0, -1));  // -32768 is clamped
   EXPECT_EQ(mesh.positions[1], Vec3f(1, 0, 0));
@@ -444,7 +467,8 @@ TEST_F(Gltf, EightInfluencesAreReadAndNormalized) {
     for (int i = 0; i < 3; ++i) three.insert(three.end(), one.begin(), one.end());
     return three;
   };
-  const int weights0 = buffer.floats(nine({0.2f, 0.2f, 0, 0.2f}), "VEC4"), weights1 = buffer.floats(nine({0.2f, 0.4f, 0, 0}), "VEC4");
+  const int weights0 = buffer.floats(nine({0.2f, 0.2f, 0, 0.2f}), "VEC4"),
+            weights1 = buffer.floats(nine({0.2f, 0.4f, 0, 0}), "VEC4");
   const auto joints = [&](std::vector<std::uint8_t> one) {
     std::vector<std::uint8_t> three;
     for (int i = 0; i < 3; ++i) three.insert(three.end(), one.begin(), one.end());
@@ -465,14 +489,16 @@ TEST_F(Gltf, EightInfluencesAreReadAndNormalized) {
 
 TEST_F(Gltf, MorphTargetsAnimateOrAreBaked) {
   Buffer buffer;
-  const int delta = buffer.floats({0, 0, 1, 0, 0, 2, 0, 0, 3}, "VEC3"), times = buffer.floats({0, 1}, "SCALAR"), keys = buffer.floats({0, 0, 1, 0.5f}, "SCALAR");
+  const int delta = buffer.floats({0, 0, 1, 0, 0, 2, 0, 0, 3}, "VEC3"), times = buffer.floats({0, 1}, "SCALAR"),
+            keys = buffer.floats({0, 0, 1, 0.5f}, "SCALAR");
   const int position = buffer.floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3");
   const std::string body = fmt::format(
       R"("nodes":[{{"mesh":0}},{{"mesh":0,"weights":[1,0]}},{{"mesh":0}}],
 "meshes":[{{"weights":[0,2],"primitives":[{{"attributes":{{"POSITION":{}}},"targets":[{{"POSITION":{}}},{{"POSITION":{}}}]}}]}}],{})",
       position, delta, delta, buffer.json());
   const std::string animation = fmt::format(
-      R"("animations":[{{"samplers":[{{"input":{},"output":{}}}],"channels":[{{"sampler":0,"target":{{"node":2,"path":"weights"}}}}]}}],)", times, keys);
+      R"("animations":[{{"samplers":[{{"input":{},"output":{}}}],"channels":[{{"sampler":0,"target":{{"node":2,"path":"weights"}}}}]}}],)",
+      times, keys);
   const Scene scene = load(asset(animation + body));
   ASSERT_EQ(scene.instances.size(), 3u);
   expect_near(world_position(scene, 0, 2, 0.5), {0, 1, 6}, 1e-6);  // the mesh's weights
@@ -511,8 +537,12 @@ TEST_F(Gltf, InstancesOfOneMeshShareIt) {
   const int offsets = buffer.floats({1, 0, 0, 2, 0, 0}, "VEC3");
   std::string json = triangle(buffer, "", "");
   const std::string node = R"({"mesh":0,"name":"thing"})";
-  json.replace(json.find(node), node.size(),
-               node + fmt::format(R"(,{{"mesh":0,"name":"many","scale":[2,2,2],"extensions":{{"EXT_mesh_gpu_instancing":{{"attributes":{{"TRANSLATION":{}}}}}}}}})", offsets));
+  json.replace(
+      json.find(node), node.size(),
+      node +
+          fmt::format(
+              R"(,{{"mesh":0,"name":"many","scale":[2,2,2],"extensions":{{"EXT_mesh_gpu_instancing":{{"attributes":{{"TRANSLATION":{}}}}}}}}})",
+              offsets));
   const Scene scene = load(json);
   EXPECT_EQ(scene.groups.size(), 1u);
   ASSERT_EQ(scene.instances.size(), 3u);
@@ -553,10 +583,12 @@ TEST_F(Gltf, DracoMeshesDecodeWhereTheLibraryIs) {
   expect_error(damaged, ErrorCode::kBadInput, 2, "Draco cannot decode");
 }
 
-// --- cameras, lights, visibility ------------------------------------------------------------------------------------------
+// --- cameras, lights, visibility
+// ------------------------------------------------------------------------------------------
 
 TEST_F(Gltf, CamerasLookAlongMinusZWithoutScale) {
-  const Scene scene = load(asset(R"("nodes":[{"camera":0,"scale":[0.1,0.1,0.1],"translation":[1,2,3],"rotation":[0,0.7071067811865476,0,0.7071067811865476]},{"name":"top","camera":1}],
+  const Scene scene = load(asset(
+      R"("nodes":[{"camera":0,"scale":[0.1,0.1,0.1],"translation":[1,2,3],"rotation":[0,0.7071067811865476,0,0.7071067811865476]},{"name":"top","camera":1}],
 "cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":0.1}},{"type":"orthographic","orthographic":{"xmag":3,"ymag":1.5,"znear":0,"zfar":9}}])"));
   ASSERT_EQ(scene.cameras.size(), 2u);
   const Affine3d view = scene.world(scene.cameras[0].node, 0);
@@ -592,7 +624,8 @@ TEST_F(Gltf, LightsKeepTheRatioToSurfaces) {
   }
   // 4 pi W in Blender are 1 W/sr, which version 3.4 and later write as 683 cd and earlier ones as 4 pi. Cycles shows a
   // white surface at distance 2 under a point light of 100 W as 100 / (4 pi) / 2^2 / pi (measured with Blender 3.4).
-  const Scene now = load(light_file("Khronos glTF Blender I/O v3.4.50")), before = load(light_file("Khronos glTF Blender I/O v1.7.33"));
+  const Scene now = load(light_file("Khronos glTF Blender I/O v3.4.50")),
+              before = load(light_file("Khronos glTF Blender I/O v1.7.33"));
   EXPECT_NEAR(now.lights[0].intensity_scale.at(0), 1, 1e-5);
   EXPECT_NEAR(now.lights[1].intensity_scale.at(0), 2, 1e-5);
   EXPECT_NEAR(before.lights[0].intensity_scale.at(0), 683 / (4 * kPiD), 1e-3);
@@ -601,15 +634,20 @@ TEST_F(Gltf, LightsKeepTheRatioToSurfaces) {
 
 TEST_F(Gltf, AnimationPointersDriveCamerasLightsMaterialsAndVisibility) {
   Buffer buffer;
-  const int times = buffer.floats({0, 2}, "SCALAR"), number = buffer.floats({1, 0.5f}, "SCALAR"), vec3 = buffer.floats({0, 0, 0, 2, 4, 6}, "VEC3");
+  const int times = buffer.floats({0, 2}, "SCALAR"), number = buffer.floats({1, 0.5f}, "SCALAR"),
+            vec3 = buffer.floats({0, 0, 0, 2, 4, 6}, "VEC3");
   const int vec4 = buffer.floats({1, 1, 1, 1, 0, 0, 0, 0.5f}, "VEC4"), vec2 = buffer.floats({0, 0, 1, 0}, "VEC2");
   const int flags = buffer.add(std::vector<std::uint8_t>{1, 0}, "SCALAR", 5121);
   std::string samplers, channels;
   const auto drive = [&](const char* pointer, int output, const char* interpolation = "LINEAR") {
     const char* comma = samplers.empty() ? "" : ",";
     const auto n = std::count(channels.begin(), channels.end(), '\n');
-    samplers += fmt::format(R"({}{{"input":{},"output":{},"interpolation":"{}"}})", comma, times, output, interpolation);
-    channels += fmt::format(R"({}{{"sampler":{},"target":{{"path":"pointer","extensions":{{"KHR_animation_pointer":{{"pointer":"{}"}}}}}}}})" "\n", comma, n, pointer);
+    samplers +=
+        fmt::format(R"({}{{"input":{},"output":{},"interpolation":"{}"}})", comma, times, output, interpolation);
+    channels += fmt::format(
+        R"({}{{"sampler":{},"target":{{"path":"pointer","extensions":{{"KHR_animation_pointer":{{"pointer":"{}"}}}}}}}})"
+        "\n",
+        comma, n, pointer);
   };
   drive("/cameras/0/perspective/yfov", number);
   drive("/extensions/KHR_lights_punctual/lights/0/intensity", number);
@@ -627,7 +665,8 @@ TEST_F(Gltf, AnimationPointersDriveCamerasLightsMaterialsAndVisibility) {
 "animations":[{{"samplers":[{}],"channels":[{}]}}])",
       kPng, samplers, channels);
   std::string json = triangle(buffer, "", rest, R"(,"material":0)");
-  json.replace(json.find(R"("name":"thing")"), 14, R"("name":"thing","camera":0,"extensions":{"KHR_lights_punctual":{"light":0}})");
+  json.replace(json.find(R"("name":"thing")"), 14,
+               R"("name":"thing","camera":0,"extensions":{"KHR_lights_punctual":{"light":0}})");
   const Scene scene = load(json);
   EXPECT_NEAR(scene.cameras[0].fov_x.at(1), 0.75, 1e-3);
   EXPECT_NEAR(scene.lights[0].intensity_scale.at(1), 0.75, 1e-6);
@@ -659,29 +698,35 @@ TEST_F(Gltf, HiddenNodesHideSkinnedMeshesToo) {
   const auto json = [&](bool visible) {
     return asset(fmt::format(
         R"("nodes":[{{"mesh":0,"skin":0}},{{}},{{"children":[0],"extensions":{{"KHR_node_visibility":{{"visible":{}}}}}}}],"skins":[{{"joints":[1]}}],
-"meshes":[{{"primitives":[{{"attributes":{{"POSITION":{},"JOINTS_0":{},"WEIGHTS_0":{}}}}}]}}],{})", visible, position, joints, weights, buffer.json()));
+"meshes":[{{"primitives":[{{"attributes":{{"POSITION":{},"JOINTS_0":{},"WEIGHTS_0":{}}}}}]}}],{})",
+        visible, position, joints, weights, buffer.json()));
   };
   const Scene shown = load(json(true)), hidden = load(json(false));
   EXPECT_TRUE(shown.visible(shown.instances[0].node, 0));
   EXPECT_FALSE(hidden.visible(hidden.instances[0].node, 0));
 }
 
-// --- materials ----------------------------------------------------------------------------------------------------------
+// --- materials
+// ----------------------------------------------------------------------------------------------------------
 
 TEST_F(Gltf, AlphaModes) {
   const auto opacity = [&](const std::string& material, float vertex_alpha) {
     Buffer buffer;
     const int colors = buffer.floats({1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1}, "VEC4");
-    const Scene scene = load(triangle(buffer, fmt::format(R"(,"COLOR_0":{})", colors),
-                                      fmt::format(R"("materials":[{}],"textures":[{{"source":0,"sampler":0}}],"images":[{{"uri":"{}"}}],"samplers":[{{"magFilter":9728}}])", material, kPng),
-                                      R"(,"material":0)"));
+    const Scene scene = load(triangle(
+        buffer, fmt::format(R"(,"COLOR_0":{})", colors),
+        fmt::format(
+            R"("materials":[{}],"textures":[{{"source":0,"sampler":0}}],"images":[{{"uri":"{}"}}],"samplers":[{{"magFilter":9728}}])",
+            material, kPng),
+        R"(,"material":0)"));
     ShadingPoint point;
     point.uv = {0.75f, 0.25f};  // texel of alpha 128
     point.color_alpha = vertex_alpha;
     const Material& m = *scene.shapes[0].material;
     return m.has_opacity() ? m.opacity(point) : -1.0f;
   };
-  const std::string textured = R"("pbrMetallicRoughness":{"baseColorFactor":[1,1,1,0.5],"baseColorTexture":{"index":0}})";
+  const std::string textured =
+      R"("pbrMetallicRoughness":{"baseColorFactor":[1,1,1,0.5],"baseColorTexture":{"index":0}})";
   EXPECT_EQ(opacity("{" + textured + "}", 1), -1);
   EXPECT_NEAR(opacity(R"({"alphaMode":"BLEND",)" + textured + "}", 1), 0.5 * 128 / 255, 1e-5);
   EXPECT_NEAR(opacity(R"({"alphaMode":"BLEND",)" + textured + "}", 0.5f), 0.25 * 128 / 255, 1e-5);
@@ -692,17 +737,26 @@ TEST_F(Gltf, AlphaModes) {
 
 TEST_F(Gltf, EmissionUnlitAndVolume) {
   Buffer buffer;
-  const Scene scene = load(triangle(buffer, "", R"("materials":[{"emissiveFactor":[1,0.5,0],"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":8}}}])", R"(,"material":0)"));
+  const Scene scene = load(triangle(
+      buffer, "",
+      R"("materials":[{"emissiveFactor":[1,0.5,0],"extensions":{"KHR_materials_emissive_strength":{"emissiveStrength":8}}}])",
+      R"(,"material":0)"));
   ASSERT_TRUE(scene.shapes[0].emission);
   EXPECT_EQ(scene.shapes[0].emission->radiance.mean(), Rgb(8, 4, 0));
   Buffer second;
-  const Scene unlit = load(triangle(second, "", R"("materials":[{"pbrMetallicRoughness":{"baseColorFactor":[0.2,0.4,0.6,1]},"extensions":{"KHR_materials_unlit":{}}}])", R"(,"material":0)"));
+  const Scene unlit = load(triangle(
+      second, "",
+      R"("materials":[{"pbrMetallicRoughness":{"baseColorFactor":[0.2,0.4,0.6,1]},"extensions":{"KHR_materials_unlit":{}}}])",
+      R"(,"material":0)"));
   ASSERT_TRUE(unlit.shapes[0].emission);
   EXPECT_EQ(unlit.shapes[0].emission->radiance.mean(), Rgb(0.2f, 0.4f, 0.6f));
   EXPECT_TRUE(unlit.shapes[0].emission->two_sided);
   Buffer third;
-  const Scene volume = load(triangle(third, "", R"("materials":[{"emissiveFactor":[0,0,0],"extensions":{"KHR_materials_transmission":{"transmissionFactor":1},
-"KHR_materials_volume":{"thicknessFactor":1,"attenuationColor":[0.5,1,0.25],"attenuationDistance":2}}}])", R"(,"material":0)"));
+  const Scene volume = load(triangle(
+      third, "",
+      R"("materials":[{"emissiveFactor":[0,0,0],"extensions":{"KHR_materials_transmission":{"transmissionFactor":1},
+"KHR_materials_volume":{"thicknessFactor":1,"attenuationColor":[0.5,1,0.25],"attenuationDistance":2}}}])",
+      R"(,"material":0)"));
   EXPECT_FALSE(volume.shapes[0].emission);
   const Rgb sigma = volume.shapes[0].material->absorption({});
   EXPECT_NEAR(sigma.r, -std::log(0.5) / 2, 1e-5);
@@ -714,9 +768,13 @@ TEST_F(Gltf, TextureTransformsTurnCounterclockwise) {
   const auto seen = [&](const std::string& transform, Vec2f uv) {
     Buffer buffer;
     const int uvs = buffer.floats({0, 0, 1, 0, 0, 1}, "VEC2");
-    const Scene scene = load(triangle(buffer, fmt::format(R"(,"TEXCOORD_0":{})", uvs),
-                                      fmt::format(R"("materials":[{{"emissiveFactor":[1,1,1],"emissiveTexture":{{"index":0,"extensions":{{"KHR_texture_transform":{}}}}}}}],
-"textures":[{{"source":0,"sampler":0}}],"images":[{{"uri":"{}"}}],"samplers":[{{"magFilter":9728}}])", transform, kPng), R"(,"material":0)"));
+    const Scene scene = load(triangle(
+        buffer, fmt::format(R"(,"TEXCOORD_0":{})", uvs),
+        fmt::format(
+            R"("materials":[{{"emissiveFactor":[1,1,1],"emissiveTexture":{{"index":0,"extensions":{{"KHR_texture_transform":{}}}}}}}],
+"textures":[{{"source":0,"sampler":0}}],"images":[{{"uri":"{}"}}],"samplers":[{{"magFilter":9728}}])",
+            transform, kPng),
+        R"(,"material":0)"));
     ShadingPoint point;
     point.uv = uv;
     return scene.shapes[0].emission->radiance.rgb(point);
@@ -728,7 +786,8 @@ TEST_F(Gltf, TextureTransformsTurnCounterclockwise) {
   EXPECT_EQ(seen(R"({"rotation":1.5707963})", {0.25f, 0.75f}), Rgb(1, 1, 1));
 }
 
-// --- errors -------------------------------------------------------------------------------------------------------------
+// --- errors
+// -------------------------------------------------------------------------------------------------------------
 
 TEST_F(Gltf, ErrorsNameTheirPlace) {
   using E = ErrorCode;
@@ -748,54 +807,97 @@ TEST_F(Gltf, ErrorsNameTheirPlace) {
       {E::kBadInput, 1, "is no version", R"({"asset":{"version":"two"}})"},
       {E::kUnsupported, 1, "glTF version 1.0", R"({"asset":{"version":"1.0"}})"},
       {E::kUnsupported, 1, "needs glTF version 2.9", R"({"asset":{"version":"2.0","minVersion":"2.9"}})"},
-      {E::kUnsupported, 3, "requires the extension \"X_y\"", "{\"asset\":{\"version\":\"2.0\"},\n\"extensionsRequired\":[\n\"X_y\"]}"},
-      {E::kBadInput, 2, "/nodes/0/name: is a number instead of a string", "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[\n{\"name\":4}]}"},
-      {E::kBadInput, 2, "refers to nodes[7], but there are 1", "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"children\":[\n7]}]}"},
-      {E::kBadInput, 1, "is a child of nodes[0] already", R"({"asset":{"version":"2.0"},"nodes":[{"children":[2]},{"children":[2]},{}]})"},
-      {E::kBadInput, 2, "is a descendant of itself", "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[\n{\"children\":[0]}]}"},
-      {E::kBadInput, 1, "both a matrix and", R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1],"scale":[1,1,1]}]})"},
-      {E::kBadInput, 1, "has 15 elements instead of 16", R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0]}]})"},
-      {E::kBadInput, 1, "last row", R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,1,0,1,0,0,0,0,1,0,0,0,0,1]}]})"},
+      {E::kUnsupported, 3, "requires the extension \"X_y\"",
+       "{\"asset\":{\"version\":\"2.0\"},\n\"extensionsRequired\":[\n\"X_y\"]}"},
+      {E::kBadInput, 2, "/nodes/0/name: is a number instead of a string",
+       "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[\n{\"name\":4}]}"},
+      {E::kBadInput, 2, "refers to nodes[7], but there are 1",
+       "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"children\":[\n7]}]}"},
+      {E::kBadInput, 1, "is a child of nodes[0] already",
+       R"({"asset":{"version":"2.0"},"nodes":[{"children":[2]},{"children":[2]},{}]})"},
+      {E::kBadInput, 2, "is a descendant of itself",
+       "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[\n{\"children\":[0]}]}"},
+      {E::kBadInput, 1, "both a matrix and",
+       R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1],"scale":[1,1,1]}]})"},
+      {E::kBadInput, 1, "has 15 elements instead of 16",
+       R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0]}]})"},
+      {E::kBadInput, 1, "last row",
+       R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,1,0,1,0,0,0,0,1,0,0,0,0,1]}]})"},
       {E::kOutOfRange, 1, "is too large", R"({"asset":{"version":"2.0"},"nodes":[{"scale":[1e300,1,1]}]})"},
-      {E::kBadInput, 1, "is not a root", R"({"asset":{"version":"2.0"},"nodes":[{"children":[1]},{}],"scenes":[{"nodes":[1]}]})"},
+      {E::kBadInput, 1, "is not a root",
+       R"({"asset":{"version":"2.0"},"nodes":[{"children":[1]},{}],"scenes":[{"nodes":[1]}]})"},
       {E::kBadInput, 1, "refers to scenes[3]", R"({"asset":{"version":"2.0"},"scene":3,"scenes":[{}]})"},
-      {E::kBadInput, 1, "0.5 is not a non-negative whole number", R"({"asset":{"version":"2.0"},"scene":0.5,"scenes":[{}]})"},
+      {E::kBadInput, 1, "0.5 is not a non-negative whole number",
+       R"({"asset":{"version":"2.0"},"scene":0.5,"scenes":[{}]})"},
       {E::kOutOfRange, 1, "at least one byte", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":0}]})"},
-      {E::kBadInput, 1, "its data have 3", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64,AAAA"}]})"},
-      {E::kBadInput, 1, "not valid base64", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64,A*AA"}]})"},
-      {E::kBadInput, 1, "without a comma", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64"}]})"},
-      {E::kUnsupported, 1, "is not a path relative", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"https://a.b/c.bin"}]})"},
-      {E::kMissingFile, 2, "nowhere.bin", "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":9,\n\"uri\":\"nowhere.bin\"}]}"},
-      {E::kBadInput, 2, "covers bytes 2 to 6", "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":3,\"uri\":\"data:;base64,AAAA\"}],\"bufferViews\":[\n{\"buffer\":0,\"byteOffset\":2,\"byteLength\":4}]}"},
-      {E::kBadInput, 1, "has no data", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3}],"bufferViews":[{"buffer":0,"byteLength":3}]})"},
-      {E::kOutOfRange, 1, "outside [4, 252]", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3,"byteStride":300}]})"},
-      {E::kUnsupported, 1, "EXT_meshopt_compression", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"extensions":{"EXT_meshopt_compression":{"fallback":true}}}],"bufferViews":[{"buffer":0,"byteLength":3,"extensions":{"EXT_meshopt_compression":{}}}]})"},
-      {E::kBadInput, 1, "no component type", R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5124,"count":1,"type":"SCALAR"}]})"},
-      {E::kBadInput, 1, "no accessor type", R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":1,"type":"VEC5"}]})"},
-      {E::kOutOfRange, 1, "without data", R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":4000000000,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "needs 12 bytes", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3}],"accessors":[{"bufferView":0,"componentType":5126,"count":1,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "needs", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3}],"accessors":[{"bufferView":0,"byteOffset":9007199254740991,"componentType":5126,"count":9007199254740992,"type":"VEC4"}]})"},
-      {E::kOutOfRange, 1, "is outside [1, 1]", R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":1,"type":"VEC3","sparse":{"count":2}}]})"},
+      {E::kBadInput, 1, "its data have 3",
+       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64,AAAA"}]})"},
+      {E::kBadInput, 1, "not valid base64",
+       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64,A*AA"}]})"},
+      {E::kBadInput, 1, "without a comma",
+       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64"}]})"},
+      {E::kUnsupported, 1, "is not a path relative",
+       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"https://a.b/c.bin"}]})"},
+      {E::kMissingFile, 2, "nowhere.bin",
+       "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":9,\n\"uri\":\"nowhere.bin\"}]}"},
+      {E::kBadInput, 2, "covers bytes 2 to 6",
+       "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":3,\"uri\":\"data:;base64,AAAA\"}],"
+       "\"bufferViews\":[\n{\"buffer\":0,\"byteOffset\":2,\"byteLength\":4}]}"},
+      {E::kBadInput, 1, "has no data",
+       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3}],"bufferViews":[{"buffer":0,"byteLength":3}]})"},
+      {E::kOutOfRange, 1, "outside [4, 252]",
+       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3,"byteStride":300}]})"},
+      {E::kUnsupported, 1, "EXT_meshopt_compression",
+       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"extensions":{"EXT_meshopt_compression":{"fallback":true}}}],"bufferViews":[{"buffer":0,"byteLength":3,"extensions":{"EXT_meshopt_compression":{}}}]})"},
+      {E::kBadInput, 1, "no component type",
+       R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5124,"count":1,"type":"SCALAR"}]})"},
+      {E::kBadInput, 1, "no accessor type",
+       R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":1,"type":"VEC5"}]})"},
+      {E::kOutOfRange, 1, "without data",
+       R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":4000000000,"type":"VEC3"}]})"},
+      {E::kBadInput, 1, "needs 12 bytes",
+       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3}],"accessors":[{"bufferView":0,"componentType":5126,"count":1,"type":"VEC3"}]})"},
+      {E::kBadInput, 1, "needs",
+       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3}],"accessors":[{"bufferView":0,"byteOffset":9007199254740991,"componentType":5126,"count":9007199254740992,"type":"VEC4"}]})"},
+      {E::kOutOfRange, 1, "is outside [1, 1]",
+       R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":1,"type":"VEC3","sparse":{"count":2}}]})"},
       {E::kBadInput, 1, "lacks the required property \"primitives\"", R"({"asset":{"version":"2.0"},"meshes":[{}]})"},
       {E::kBadInput, 1, "at least one primitive", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[]}]})"},
-      {E::kBadInput, 1, "no primitive mode", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{},"mode":7}]}]})"},
-      {E::kBadInput, 1, "type VEC2 instead of VEC3", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC2"}]})"},
-      {E::kBadInput, 1, "but the primitive's POSITION has 3", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0,"NORMAL":1}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5126,"count":2,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "no multiple of 3", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":4,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "fewer than 3", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"mode":5,"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":2,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "indices are of component type", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"indices":1,"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5126,"count":3,"type":"SCALAR"}]})"},
-      {E::kBadInput, 1, "only one of JOINTS_0 and WEIGHTS_0", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0,"JOINTS_0":1}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5121,"count":3,"type":"VEC4"}]})"},
-      {E::kBadInput, 1, "lacks JOINTS_0", R"({"asset":{"version":"2.0"},"nodes":[{"mesh":0,"skin":0}],"skins":[{"joints":[0]}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "has 1 morph targets, but", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}},{"attributes":{"POSITION":0},"targets":[{}]}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"}]})"},
+      {E::kBadInput, 1, "no primitive mode",
+       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{},"mode":7}]}]})"},
+      {E::kBadInput, 1, "type VEC2 instead of VEC3",
+       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC2"}]})"},
+      {E::kBadInput, 1, "but the primitive's POSITION has 3",
+       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0,"NORMAL":1}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5126,"count":2,"type":"VEC3"}]})"},
+      {E::kBadInput, 1, "no multiple of 3",
+       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":4,"type":"VEC3"}]})"},
+      {E::kBadInput, 1, "fewer than 3",
+       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"mode":5,"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":2,"type":"VEC3"}]})"},
+      {E::kBadInput, 1, "indices are of component type",
+       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"indices":1,"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5126,"count":3,"type":"SCALAR"}]})"},
+      {E::kBadInput, 1, "only one of JOINTS_0 and WEIGHTS_0",
+       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0,"JOINTS_0":1}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5121,"count":3,"type":"VEC4"}]})"},
+      {E::kBadInput, 1, "lacks JOINTS_0",
+       R"({"asset":{"version":"2.0"},"nodes":[{"mesh":0,"skin":0}],"skins":[{"joints":[0]}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"}]})"},
+      {E::kBadInput, 1, "has 1 morph targets, but",
+       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}},{"attributes":{"POSITION":0},"targets":[{}]}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"}]})"},
       {E::kBadInput, 1, "at least one joint", R"({"asset":{"version":"2.0"},"skins":[{"joints":[]}]})"},
-      {E::kBadInput, 1, "has 1 matrices for 2 joints", R"({"asset":{"version":"2.0"},"nodes":[{},{}],"skins":[{"joints":[0,1],"inverseBindMatrices":0}],"accessors":[{"componentType":5126,"count":1,"type":"MAT4"}]})"},
-      {E::kBadInput, 1, "no camera type", R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"fisheye"}]})"},
-      {E::kOutOfRange, 1, "/cameras/0/perspective/yfov", R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"perspective","perspective":{"yfov":4,"znear":1}}]})"},
-      {E::kOutOfRange, 1, "zfar is not beyond znear", R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":1,"zfar":1}}]})"},
-      {E::kBadInput, 1, "is singular", R"({"asset":{"version":"2.0"},"nodes":[{"camera":0,"scale":[0,1,1]}],"cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":1}}]})"},
-      {E::kBadInput, 1, "no light type", R"({"asset":{"version":"2.0"},"nodes":[{"extensions":{"KHR_lights_punctual":{"light":0}}}],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"area"}]}}})"},
-      {E::kOutOfRange, 1, "is not below outerConeAngle", R"({"asset":{"version":"2.0"},"nodes":[{"extensions":{"KHR_lights_punctual":{"light":0}}}],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"spot","spot":{"innerConeAngle":0.8}}]}}})"},
-      {E::kBadInput, 1, "no interpolation; valid: STEP", R"({"asset":{"version":"2.0"},"nodes":[{}],"animations":[{"samplers":[{"input":0,"output":0,"interpolation":"BEZIER"}],"channels":[{"sampler":0,"target":{"node":0,"path":"scale"}}]}]})"},
+      {E::kBadInput, 1, "has 1 matrices for 2 joints",
+       R"({"asset":{"version":"2.0"},"nodes":[{},{}],"skins":[{"joints":[0,1],"inverseBindMatrices":0}],"accessors":[{"componentType":5126,"count":1,"type":"MAT4"}]})"},
+      {E::kBadInput, 1, "no camera type",
+       R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"fisheye"}]})"},
+      {E::kOutOfRange, 1, "/cameras/0/perspective/yfov",
+       R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"perspective","perspective":{"yfov":4,"znear":1}}]})"},
+      {E::kOutOfRange, 1, "zfar is not beyond znear",
+       R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":1,"zfar":1}}]})"},
+      {E::kBadInput, 1, "is singular",
+       R"({"asset":{"version":"2.0"},"nodes":[{"camera":0,"scale":[0,1,1]}],"cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":1}}]})"},
+      {E::kBadInput, 1, "no light type",
+       R"({"asset":{"version":"2.0"},"nodes":[{"extensions":{"KHR_lights_punctual":{"light":0}}}],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"area"}]}}})"},
+      {E::kOutOfRange, 1, "is not below outerConeAngle",
+       R"({"asset":{"version":"2.0"},"nodes":[{"extensions":{"KHR_lights_punctual":{"light":0}}}],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"spot","spot":{"innerConeAngle":0.8}}]}}})"},
+      {E::kBadInput, 1, "no interpolation; valid: STEP",
+       R"({"asset":{"version":"2.0"},"nodes":[{}],"animations":[{"samplers":[{"input":0,"output":0,"interpolation":"BEZIER"}],"channels":[{"sampler":0,"target":{"node":0,"path":"scale"}}]}]})"},
   };
   for (const Case& c : cases) {
     SCOPED_TRACE(c.text);
@@ -810,12 +912,17 @@ TEST_F(Gltf, ErrorsInMeshesMaterialsAndTracks) {
     return triangle(buffer, "", fmt::format(R"("materials":[{}]{})", material, more), R"(,"material":0)");
   };
   expect_error(with_material(R"({"alphaMode":"SHINY"})"), E::kBadInput, 3, "no alpha mode");
-  expect_error(with_material(R"({"pbrMetallicRoughness":{"baseColorFactor":[1,1,1]}})"), E::kBadInput, 3, "has 3 elements instead of 4");
-  expect_error(with_material(R"({"emissiveTexture":{"index":2},"emissiveFactor":[1,1,1]})"), E::kBadInput, 3, "refers to textures[2]");
-  expect_error(with_material(R"({"extensions":{"KHR_materials_ior":{"ior":0.3}}})"), E::kOutOfRange, 3, "/materials/0/extensions/KHR_materials_ior/ior");
+  expect_error(with_material(R"({"pbrMetallicRoughness":{"baseColorFactor":[1,1,1]}})"), E::kBadInput, 3,
+               "has 3 elements instead of 4");
+  expect_error(with_material(R"({"emissiveTexture":{"index":2},"emissiveFactor":[1,1,1]})"), E::kBadInput, 3,
+               "refers to textures[2]");
+  expect_error(with_material(R"({"extensions":{"KHR_materials_ior":{"ior":0.3}}})"), E::kOutOfRange, 3,
+               "/materials/0/extensions/KHR_materials_ior/ior");
   const std::string textured = R"({"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}})";
   const auto with_image = [&](const std::string& image, const std::string& sampler = "{}") {
-    return with_material(textured, fmt::format(",\n\"textures\":[{{\"source\":0,\"sampler\":0}}],\"samplers\":[{}],\n\"images\":[{}]", sampler, image));
+    return with_material(
+        textured, fmt::format(",\n\"textures\":[{{\"source\":0,\"sampler\":0}}],\"samplers\":[{}],\n\"images\":[{}]",
+                              sampler, image));
   };
   expect_error(with_image(R"({"uri":"none.png"})"), E::kMissingFile, 5, "none.png");
   expect_error(with_image("{}"), E::kBadInput, 5, "neither a uri nor a bufferView");
@@ -826,7 +933,9 @@ TEST_F(Gltf, ErrorsInMeshesMaterialsAndTracks) {
   {
     Buffer buffer;
     const int bad = buffer.floats({0, 0, 0, 1, 0, std::nanf(""), 0, 1, 0}, "VEC3");
-    expect_error(asset(fmt::format("\"meshes\":[{{\"primitives\":[{{\"attributes\":{{\n\"POSITION\":{}}}}}]}}],{}", bad, buffer.json())), E::kBadInput, 2, "POSITION of vertex 1 is not finite");
+    expect_error(asset(fmt::format("\"meshes\":[{{\"primitives\":[{{\"attributes\":{{\n\"POSITION\":{}}}}}]}}],{}", bad,
+                                   buffer.json())),
+                 E::kBadInput, 2, "POSITION of vertex 1 is not finite");
   }
   const auto indexed = [](const std::vector<std::uint16_t>& indices) {
     Buffer buffer;
@@ -839,22 +948,27 @@ TEST_F(Gltf, ErrorsInMeshesMaterialsAndTracks) {
     Buffer buffer;
     const int weights = buffer.floats({1, 0, 0, 0, 1, 0, 0, 0, weight, 0, 0, 0}, "VEC4");
     const int joints = buffer.add(std::vector<std::uint8_t>{0, 0, 0, 0, 0, 0, 0, 0, joint, 0, 0, 0}, "VEC4", 5121);
-    std::string json = triangle(buffer, fmt::format(R"(,"JOINTS_0":{},"WEIGHTS_0":{})", joints, weights), R"("skins":[{"joints":[0]}])");
+    std::string json = triangle(buffer, fmt::format(R"(,"JOINTS_0":{},"WEIGHTS_0":{})", joints, weights),
+                                R"("skins":[{"joints":[0]}])");
     return json.replace(json.find(R"("name":"thing")"), 14, R"("skin":0)");
   };
   expect_error(skinned(-1, 0), E::kBadInput, 2, "is negative");
   expect_error(skinned(1, 3), E::kOutOfRange, 2, "follows joint 3 of skins[0], which has 1");
 
-  const auto animated = [](const std::vector<float>& times, const std::vector<float>& values, const char* shape, const char* path, const char* mode = "LINEAR") {
+  const auto animated = [](const std::vector<float>& times, const std::vector<float>& values, const char* shape,
+                           const char* path, const char* mode = "LINEAR") {
     Buffer buffer;
     const int input = buffer.floats(times, "SCALAR"), output = buffer.floats(values, shape);
-    return asset(fmt::format("\"nodes\":[{{}}],\"animations\":[{{\"samplers\":[{{\n\"interpolation\":\"{}\",\n\"input\":{},\n\"output\":{}}}],\n\"channels\":[{{\"sampler\":0,\"target\":{{\"node\":0,\"path\":\"{}\"}}}}]}}],{}",
-                             mode, input, output, path, buffer.json()));
+    return asset(fmt::format(
+        "\"nodes\":[{{}}],\"animations\":[{{\"samplers\":[{{\n\"interpolation\":\"{}\",\n\"input\":{},\n\"output\":{}}}"
+        "],\n\"channels\":[{{\"sampler\":0,\"target\":{{\"node\":0,\"path\":\"{}\"}}}}]}}],{}",
+        mode, input, output, path, buffer.json()));
   };
   expect_error(animated({1, 1}, {0, 0, 0, 1, 1, 1}, "VEC3", "translation"), E::kOutOfRange, 3, "key 1 is at 1 s");
   expect_error(animated({-1, 1}, {0, 0, 0, 1, 1, 1}, "VEC3", "translation"), E::kOutOfRange, 3, "key 0 is at -1 s");
   expect_error(animated({0, 1}, {0, 0, 0}, "VEC3", "scale"), E::kBadInput, 4, "has 1 values for 2 keys");
-  expect_error(animated({0, 1}, {0, 0, 0, 1, 1, 1}, "VEC3", "scale", "CUBICSPLINE"), E::kBadInput, 4, "splines have three");
+  expect_error(animated({0, 1}, {0, 0, 0, 1, 1, 1}, "VEC3", "scale", "CUBICSPLINE"), E::kBadInput, 4,
+               "splines have three");
   expect_error(animated({0, 1}, {0, 0, 0, 1, 1, 1}, "VEC3", "rotation"), E::kBadInput, 4, "type VEC3 instead of VEC4");
   expect_error(animated({0, 1}, {0, 0, 0, INFINITY, 1, 1}, "VEC3", "scale"), E::kBadInput, 4, "not finite");
   expect_error(animated({0, 1}, {0, 1}, "SCALAR", "weights"), E::kBadInput, 5, "no mesh with morph targets");
@@ -873,9 +987,11 @@ TEST_F(Gltf, ContainerErrorsGiveTheByte) {
   expect_error(other, ErrorCode::kSyntax, 1, "version 1", "a.glb");
   expect_error(glb("[1,]", ""), ErrorCode::kSyntax, 1, "not valid JSON", "a.glb");
   // Lines of the JSON chunk are counted from the start of the file, so that an editor finds them.
-  expect_error(glb("{\"asset\":{\"version\":\"2.0\"},\n\"nodes\":3}", ""), ErrorCode::kBadInput, 2, "/nodes: is a number instead of an array", "a.glb");
+  expect_error(glb("{\"asset\":{\"version\":\"2.0\"},\n\"nodes\":3}", ""), ErrorCode::kBadInput, 2,
+               "/nodes: is a number instead of an array", "a.glb");
   const std::string with_bin = R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9}]})";
-  expect_error(glb(with_bin, "12345678"), ErrorCode::kBadInput, 1, "says that it has 9 bytes, but its data have 8", "a.glb");
+  expect_error(glb(with_bin, "12345678"), ErrorCode::kBadInput, 1, "says that it has 9 bytes, but its data have 8",
+               "a.glb");
   EXPECT_NO_THROW(import_gltf(write("bin.glb", glb(with_bin, "123456789012")), {}, warnings));
 }
 
@@ -915,12 +1031,22 @@ TEST_F(Gltf, SandboxKeepsToTheFolder) {
 TEST_F(Gltf, MalformedSamplesGiveErrorsWithPlace) {
   const fs::path root = shared_scenes() / "gltf-invalid";
   if (!fs::exists(root)) GTEST_SKIP();
-  // What the validator calls an error but leaves no doubt about the meaning is a warning here (an error under --strict).
-  const std::set<std::string> only_warnings = {
-      "empty_array.gltf", "sampler_input_no_bounds.gltf", "quaternion_cubic_non_unit_values.gltf", "quaternion_non_unit_values.gltf",
-      "colors_non_clamped.gltf", "normals_tangents_non_unit_invalid_sign.gltf"};
-  const std::set<std::string> valid = {"extra_data.glb", "two_images.glb", "valid.glb", "valid_buffer.glb", "custom_property.gltf", "valid.gltf",
-                                       "index_buffer_degenerate_triangle.gltf", "SceneWithoutNodes.gltf"};
+  // What the validator calls an error but leaves no doubt about the meaning is a warning here (an error under
+  // --strict).
+  const std::set<std::string> only_warnings = {"empty_array.gltf",
+                                               "sampler_input_no_bounds.gltf",
+                                               "quaternion_cubic_non_unit_values.gltf",
+                                               "quaternion_non_unit_values.gltf",
+                                               "colors_non_clamped.gltf",
+                                               "normals_tangents_non_unit_invalid_sign.gltf"};
+  const std::set<std::string> valid = {"extra_data.glb",
+                                       "two_images.glb",
+                                       "valid.glb",
+                                       "valid_buffer.glb",
+                                       "custom_property.gltf",
+                                       "valid.gltf",
+                                       "index_buffer_degenerate_triangle.gltf",
+                                       "SceneWithoutNodes.gltf"};
   int files = 0;
   for (const auto& entry : fs::recursive_directory_iterator(root)) {
     const std::string extension = entry.path().extension(), name = entry.path().filename();
@@ -976,7 +1102,8 @@ TEST_F(Gltf, DamagedFilesLoadOrGiveAnError) {
       } else if (variant < 4) {  // anywhere
         for (int k = 0; k < 4; ++k) bytes[below(bytes.size())] ^= char(1 << below(8));
       } else if (variant < 6 && binary) {  // in the data
-        for (int k = 0; k < 100; ++k) bytes[std::min(bytes.size() - 1, 28 + json_size + below(bytes.size() - json_size))] ^= char(1 << below(8));
+        for (int k = 0; k < 100; ++k)
+          bytes[std::min(bytes.size() - 1, 28 + json_size + below(bytes.size() - json_size))] ^= char(1 << below(8));
       } else {  // other numbers: what is well-formed gets further
         const std::size_t begin = binary ? 20 : 0;
         for (int k = 0; k < 200 && k < 20 * variant; ++k) {

@@ -210,16 +210,11 @@ class PagedImage final : public Image {
     }
     OIIO::ImageCache::Tile* tile = cache_->get_tile(handle_, nullptr, 0, level, spec_.x + x, spec_.y + y, 0);
     OIIO::TypeDesc type;
-    const void* data = tile ? cache_->tile_pixels(tile, type) : nullptr;
+    const void* texels = tile ? cache_->tile_pixels(tile, type) : nullptr;
     for (int i = 0; i < w * h; ++i) {
-      if (!data) {  // the file broke after its header was read: black, as there is nobody to tell in a lookup
-        out[i] = {};
-        continue;
-      }
       const std::size_t at = std::size_t((y % page.tile_height + i / w) * page.tile_width + x % page.tile_width + i % w);
-      float p[kMostChannels];
-      load(data, type, at * std::size_t(spec_.nchannels), p);
-      out[i] = decode(p);
+      // A file may break after its header was read: black then, as there is nobody to tell in a lookup.
+      out[i] = texels ? decode(texels, type, at * std::size_t(spec_.nchannels)) : Texel{};
     }
     if (tile)
       cache_->release_tile(tile);
@@ -233,15 +228,15 @@ class PagedImage final : public Image {
 
   Texel mean() const override {
     std::call_once(mean_once_, [this] {
-      const int n = std::min(spec_.nchannels, kMostChannels);
-      std::vector<float> row(std::size_t(width) * std::size_t(n));
+      const auto n = std::size_t(spec_.nchannels);
+      std::vector<float> row(std::size_t(width) * n);
       double sum[4] = {};
       for (int y = 0; y < height; ++y) {
-        if (!cache_->get_pixels(handle_, nullptr, 0, 0, spec_.x, spec_.x + width, spec_.y + y, spec_.y + y + 1, 0, 1, 0, n,
-                                OIIO::TypeFloat, row.data()))
+        if (!cache_->get_pixels(handle_, nullptr, 0, 0, spec_.x, spec_.x + width, spec_.y + y, spec_.y + y + 1, 0, 1, 0,
+                                spec_.nchannels, OIIO::TypeFloat, row.data()))
           continue;
         for (int x = 0; x < width; ++x) {
-          const Texel t = decode(row.data() + std::size_t(x) * std::size_t(n));
+          const Texel t = decode(row.data(), OIIO::TypeFloat, std::size_t(x) * n);
           for (int c = 0; c < 4; ++c) sum[c] += double(t.c[c]);
         }
       }
@@ -251,27 +246,30 @@ class PagedImage final : public Image {
   }
 
  private:
-  static constexpr int kMostChannels = 16;
   struct Page {
     int width, height, tile_width, tile_height;
   };
-  /// Channels of one texel as fractions or floats.
-  void load(const void* data, OIIO::TypeDesc type, std::size_t first, float* out) const {
-    const int n = std::min(spec_.nchannels, kMostChannels);
-    for (std::size_t c = 0; c < std::size_t(n); ++c) switch (type.basetype) {
-        case OIIO::TypeDesc::UINT8: out[c] = float(static_cast<const std::uint8_t*>(data)[first + c]) * (1.0f / 255); break;
-        case OIIO::TypeDesc::UINT16: out[c] = float(static_cast<const std::uint16_t*>(data)[first + c]) * (1.0f / 65535); break;
-        case OIIO::TypeDesc::HALF: out[c] = half_to_float(static_cast<const std::uint16_t*>(data)[first + c]); break;
-        default: out[c] = static_cast<const float*>(data)[first + c];  // the cache converts all else to float
-      }
-  }
-  Texel decode(const float* p) const {
+  /// The texel whose channels begin at value `first` of `texels`.
+  Texel decode(const void* texels, OIIO::TypeDesc type, std::size_t first) const {
     Texel t;
-    for (std::size_t c = 0; c < 3; ++c) {
-      const int k = channels_.index[c] >= 0 ? channels_.index[c] : channels_.index[0];
-      t.c[c] = srgb ? srgb_to_linear(p[k]) : p[k];
+    for (std::size_t c = 0; c < 4; ++c) {
+      int k = channels_.index[c];
+      if (k < 0 && c == 3) {
+        t.c[c] = 1;
+        continue;
+      }
+      if (k < 0) k = channels_.index[0];
+      const std::size_t at = first + std::size_t(k);
+      const bool encoded = srgb && c < 3;
+      if (type == OIIO::TypeUInt8) {
+        t.c[c] = byte_table(encoded)[static_cast<const std::uint8_t*>(texels)[at]];
+        continue;
+      }
+      const float v = type == OIIO::TypeUInt16 ? float(static_cast<const std::uint16_t*>(texels)[at]) * (1.0f / 65535)
+                      : type == OIIO::TypeHalf ? half_to_float(static_cast<const std::uint16_t*>(texels)[at])
+                                               : static_cast<const float*>(texels)[at];  // what the cache makes of all else
+      t.c[c] = encoded ? srgb_to_linear(v) : v;
     }
-    t.c[3] = channels_.index[3] >= 0 ? p[channels_.index[3]] : 1;
     return t;
   }
   std::shared_ptr<OIIO::ImageCache> cache_;

@@ -18,6 +18,14 @@ using Metadata = std::map<std::string, MetaValue>;
 /// The text of a value, numbers as short as they read back.
 std::string to_text(const MetaValue& value);
 
+/// Frames per second as a fraction, as movies and EXR headers store it: 24000/1001 for what people write as 23.976,
+/// whole thousandths in lowest terms otherwise. Pre: fps in [0.001, 2000000].
+struct FrameRate {
+  int numerator = 24, denominator = 1;
+  bool operator==(const FrameRate&) const = default;
+};
+FrameRate frame_rate(double fps);
+
 /// The motion vector convention that every file states as "tempera/motion".
 inline constexpr const char* kMotionConvention =
     "pixels, x right, y down; backward = previous - current, forward = next - current; Z = depth change in meters; "

@@ -13,7 +13,8 @@ namespace tempera {
 /// - Animations all play together, unless `options.animation` names one (or gives its number, or "none"). Of those that
 ///   drive the same thing the first plays; the others are named in a warning.
 /// - Surfaces show both sides, whatever doubleSided says. Emissive surfaces shine to both sides.
-/// - Lights: one candela is 1 W/sr and one lux 1 W/m^2, the scale of emissive surfaces (1 nit is 1 W/(m^2 sr)). Blender's
+/// - Lights: one candela is 1 W/sr and one lux 1 W/m^2, the scale of emissive surfaces (1 nit is 1 W/(m^2 sr)).
+/// Blender's
 ///   exporter multiplies the power of lights, but not of surfaces, by 683 lm/W (or, before version 3.4, writes Watts);
 ///   for its files this is undone, so that both keep the ratio that they have in Cycles.
 /// - Transmission without KHR_materials_volume is thin-walled, except in files by Blender's exporter, which cannot say
