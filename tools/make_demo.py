@@ -418,7 +418,10 @@ def write_hdr(path, width, height, pixel):
 
 
 def sky(direction, noise):
-    """Radiance of a dusk sky: a warm glow low in -z, blue above, lit clouds, hills along the horizon."""
+    """Radiance of a dusk sky: a warm glow low in -z, blue above, lit clouds, hills along the horizon.
+
+    The key light of the set is in it too, a soft round lamp behind the camera: one light of the renderer to sample, not two.
+    """
     x, y, z = direction
     azimuth = math.atan2(x, -z) + 0.12  # 0 at the glow
     toward = max(0.0, math.cos(azimuth * 0.5)) ** 2
@@ -427,6 +430,7 @@ def sky(direction, noise):
     color = mix(horizon, zenith, smoothstep(0.0, 0.62, height ** 0.75))
     glow = math.exp(-((azimuth / 0.34) ** 2 + ((y - 0.060) / 0.075) ** 2))
     color = add(color, scale((2.1, 1.02, 0.40), glow))
+    lamp = smoothstep(0.965, 0.985, dot(direction, normalize((-2.7, 3.8, 4.6))))
     if y > 0:
         # Clouds lie in a plane overhead, lit from the side of the glow.
         s = 1.15 / (y + 0.16)
@@ -439,7 +443,8 @@ def sky(direction, noise):
     far = 0.034 + 0.016 * noise.sum(math.sin(azimuth) * 2, math.cos(azimuth) * 2, 9.1, 3)
     color = mix(color, mix((0.085, 0.095, 0.16), (0.30, 0.15, 0.15), toward ** 2), smoothstep(far, far - 0.012, y))
     color = mix(color, (0.035, 0.045, 0.062), smoothstep(ridge, ridge - 0.010, y))
-    return mix(color, (0.06, 0.055, 0.06), smoothstep(0.0, -0.15, y))
+    color = mix(color, (0.06, 0.055, 0.06), smoothstep(0.0, -0.15, y))
+    return mix(color, (17.0, 14.2, 10.8), lamp)
 
 
 def table_texture(size):
@@ -713,8 +718,8 @@ def build(glb):
     rng = random.Random(2026)
     up = (0.0, 1.0, 0.0)
 
-    brass = glb.material("brass", (0.89, 0.62, 0.27), rough=0.24, metal=1.0)
-    dark_brass = glb.material("dark_brass", (0.66, 0.42, 0.20), rough=0.34, metal=1.0)
+    brass = glb.material("brass", (0.89, 0.62, 0.27), rough=0.36, metal=1.0)
+    dark_brass = glb.material("dark_brass", (0.66, 0.42, 0.20), rough=0.40, metal=1.0)
     mirror = glb.material("mirror", (0.95, 0.95, 0.96), rough=0.0, metal=1.0)
     glass = glb.material("glass", rough=0.0, extensions={
         "KHR_materials_transmission": {"transmissionFactor": 1.0}, "KHR_materials_ior": {"ior": 1.5},
@@ -733,7 +738,6 @@ def build(glb):
                          rough_texture=glb.texture(tile_roughness(128), "tiles_roughness"),
                          extensions={"KHR_materials_specular": {"specularFactor": 0.55}})
     lantern = glb.material("lantern", (0.0, 0.0, 0.0), rough=1.0, emit=(4.6, 2.3, 0.80))
-    softbox = glb.material("softbox", (0.0, 0.0, 0.0), rough=1.0, emit=(19.0, 16.2, 12.4))
 
     # The floor: one quad of a metre a tile, well under the mechanism and out to the hills of the sky.
     floor, half, level = Mesh(), 60.0, -0.62
@@ -858,15 +862,6 @@ def build(glb):
         glb.node(name, holder, translation=(0.0, 0.115 + radius, 0.0),
                  mesh=glb.mesh(name, glb.primitive(sphere(radius, 64, 32), material, 60.0)))
 
-    # The key light: a soft box above and to the left of the camera.
-    panel = Mesh()
-    panel.quad((-1.1, -1.1, 0), (1.1, -1.1, 0), (1.1, 1.1, 0), (-1.1, 1.1, 0))
-    at = (-2.7, 4.0, 4.9)
-    # A camera looks along -z and the panel shines along +z: look from the target to get the panel to face it.
-    facing = normalize(sub((0.0, 0.2, 0.6), at))
-    glb.node("softbox", translation=at, rotation=facing_rotation(facing),
-             mesh=glb.mesh("softbox", glb.primitive(panel, softbox)))
-
     camera = glb.add("cameras", {"name": "camera", "type": "perspective", "perspective": {
         "aspectRatio": 16 / 9, "yfov": math.radians(27.0), "znear": 0.05, "zfar": 200.0}})
     node = glb.node("camera", camera=camera)
@@ -883,13 +878,6 @@ def build(glb):
 
     glb.animate(node, "translation", eye)
     glb.animate(node, "rotation", lambda t: look_at(eye(t), target(t)))
-
-
-def facing_rotation(direction):
-    """Quaternion that turns +z to `direction`."""
-    z = (0.0, 0.0, 1.0)
-    axis = cross(z, direction)
-    return normalize((*axis, 1.0 + dot(z, direction)))
 
 
 def main():

@@ -72,6 +72,7 @@ void ShotFlags::add_to(CLI::App& command) {
 
 ShotConfig ShotFlags::config() const {
   ShotConfig config = read_shot_config(shot_);
+  config.set_sandbox(sandbox_);
   for (const KeyFlag& f : keys_) {
     if (f.option->count() == 0) continue;
     if (f.key->spec.name == "film.filter") {

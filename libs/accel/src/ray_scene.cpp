@@ -360,7 +360,10 @@ struct RayScene::Impl {
   std::vector<std::unique_ptr<PlacedShape>> deforming;  // own copies with this span's vertices
   std::vector<const PlacedShape*> placed;               // like cache->placed, deforming ones replaced
 
+  std::vector<const PlacedShape*> only;  // by instance: its one shape, or null for groups of several
+
   const PlacedShape& find(std::uint32_t instance, std::uint32_t shape) const {
+    if (const PlacedShape* p = only[instance]) return *p;
     const auto& group = scene->groups[std::size_t(scene->instances[instance].group)];
     std::size_t i = cache->first_placed[instance];
     for (std::size_t k = 0; std::uint32_t(group[k]) != shape; ++k) ++i;
@@ -468,8 +471,19 @@ RayScene::Impl::Triangle RayScene::Impl::knot_triangle(const PlacedShape& p, std
   return t;
 }
 
-RayScene::Impl::Triangle RayScene::Impl::triangle(const PlacedShape& p, std::uint32_t primitive, double time) const {
-  if (p.placement != Placement::kDeforming) return knot_triangle(p, primitive, 0);
+inline RayScene::Impl::Triangle RayScene::Impl::triangle(const PlacedShape& p, std::uint32_t primitive,
+                                                         double time) const {
+  if (p.placement != Placement::kDeforming) {  // by far the most frequent: vertices as they lie in memory
+    Triangle t;
+    const std::uint32_t* v = &p.mesh->indices[3 * std::size_t(primitive)];
+    const KnotVertices& k = p.knots[0];
+    for (int c = 0; c < 3; ++c) t.p[c] = k.positions[v[c]];
+    t.smooth = k.normals != nullptr;
+    if (t.smooth) {
+      for (int c = 0; c < 3; ++c) t.n[c] = k.normals[v[c]];
+    }
+    return t;
+  }
   const auto [knot, blend] = grid.locate(time);
   Triangle a = knot_triangle(p, primitive, knot);
   if (blend == 0) return a;
@@ -606,6 +620,10 @@ RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const
       s.top_entries.push_back({Impl::TopEntry::kInstance, i, 0});
     }
     rtcCommitScene(s.top);
+  }
+  for (std::size_t i = 0; i < scene.instances.size(); ++i) {
+    const bool single = scene.groups[std::size_t(scene.instances[i].group)].size() == 1;
+    s.only.push_back(single ? s.placed[s.cache->first_placed[i]] : nullptr);
   }
   check_device(s.cache->device);
   RTCBounds b;

@@ -7,6 +7,7 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <map>
 #include <optional>
@@ -50,10 +51,7 @@ const char* read_floats(const char* p, const char* end, float* values, int count
     if (p < end && *p == '+') ++p;
     const auto [next, failed] = std::from_chars(p, end, values[i]);
     if (failed == std::errc::result_out_of_range) {
-      // Underflow is zero; overflow is caught with the other numbers that are not finite.
-      double wide = 0;
-      if (std::from_chars(p, end, wide).ec == std::errc::result_out_of_range) wide = 0;
-      values[i] = float(wide);
+      values[i] = std::strtof(std::string(p, next).c_str(), nullptr);  // 0 or infinity
     } else if (failed != std::errc()) {
       return nullptr;
     }
@@ -87,26 +85,27 @@ class BlockParser {
 
   void parse_line(const char* begin, const char* end) {
     const char* p = skip_blanks(begin, end);
-    if (end - p < 2) return;
-    const auto blank = [](char c) { return c == ' ' || c == '\t'; };
+    const char* word_end = p;
+    while (word_end < end && *word_end > ' ') ++word_end;
+    const std::string_view word(p, std::size_t(word_end - p));
     float v[3];
-    if (p[0] == 'v' && blank(p[1])) {
-      if (!read_floats(p + 2, end, v, 3)) return fail(p, fmt::format("cannot read three numbers in \"{}\"", excerpt(p, end)));
+    if (word == "v") {
+      if (!read_floats(word_end, end, v, 3)) return fail(p, fmt::format("cannot read three numbers in \"{}\"", excerpt(p, end)));
       block_.positions.push_back({v[0], v[1], v[2]});
       if (!is_finite(block_.positions.back())) fail(p, "a position must be finite");
-    } else if (p[0] == 'v' && p[1] == 'n' && p + 2 < end && blank(p[2])) {
-      if (!read_floats(p + 3, end, v, 3)) return fail(p, fmt::format("cannot read three numbers in \"{}\"", excerpt(p, end)));
+    } else if (word == "vn") {
+      if (!read_floats(word_end, end, v, 3)) return fail(p, fmt::format("cannot read three numbers in \"{}\"", excerpt(p, end)));
       block_.normals.push_back({v[0], v[1], v[2]});
       if (!is_finite(block_.normals.back())) fail(p, "a normal must be finite");
-    } else if (p[0] == 'v' && p[1] == 't' && p + 2 < end && blank(p[2])) {
-      const char* const next = read_floats(p + 3, end, v, 1);
+    } else if (word == "vt") {
+      const char* const next = read_floats(word_end, end, v, 1);
       if (!next) return fail(p, fmt::format("cannot read texture coordinates in \"{}\"", excerpt(p, end)));
       if (skip_blanks(next, end) == end) v[1] = 0;  // the second one is optional
       else if (!read_floats(next, end, v + 1, 1)) return fail(p, fmt::format("cannot read texture coordinates in \"{}\"", excerpt(p, end)));
       block_.uvs.push_back({v[0], v[1]});
       if (!std::isfinite(v[0]) || !std::isfinite(v[1])) fail(p, "texture coordinates must be finite");
-    } else if (p[0] == 'f' && blank(p[1])) {
-      parse_face(p + 2, end);
+    } else if (word == "f") {
+      parse_face(word_end, end);
     }
   }
 
@@ -165,7 +164,7 @@ SourceLoc face_location(const Block& block, std::size_t face, std::string_view w
     const std::size_t size = std::min(rest.find('\n'), rest.size() - 1) + 1;
     const char* const end = rest.data() + size;
     const char* const p = skip_blanks(rest.data(), end);
-    if (end - p >= 2 && p[0] == 'f' && (p[1] == ' ' || p[1] == '\t') && face-- == 0)
+    if (p < end && *p == 'f' && (p + 1 == end || p[1] <= ' ') && face-- == 0)
       return locate(file, whole, std::size_t(p - whole.data()));
     rest.remove_prefix(size);
   }

@@ -227,7 +227,7 @@ TEST(Ply, ErrorsNameTheLine) {
   std::string binary = binary_ply(false);
   EXPECT_TRUE(fails(0, binary.substr(0, binary.size() - 3)));
   const std::size_t count = binary.find("face 2");
-  EXPECT_TRUE(fails(12, std::string(binary).replace(count, 6, "face 4000000000")));
+  EXPECT_TRUE(fails(13, std::string(binary).replace(count, 6, "face 4000000000")));
   std::string index = binary;
   index[index.size() - 12] = 77;
   EXPECT_TRUE(fails(0, index));
@@ -248,7 +248,7 @@ template <class Float>
 std::string mesh_stream(int version, float x, std::uint32_t index = 2, std::uint64_t vertex_count = 3) {
   std::string data;
   put(data, std::uint32_t((sizeof(Float) == 8 ? 0x2000 : 0x1000) | 0x1 | 0x2));
-  if (version == 4) data += std::string("name") + '\0';
+  if (version == 4) data.append("name", 5);
   put(data, vertex_count);
   put(data, std::uint64_t(1));
   for (const double v : {double(x), 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0}) put(data, Float(v));
@@ -358,8 +358,10 @@ TEST(Normals, CreasesBreakAtTheAngle) {
   Mesh smooth = roof();
   crease_normals(smooth, 46 * kPi / 180);
   EXPECT_EQ(smooth.positions.size(), 6u);
-  for (std::size_t i = 0; i < smooth.positions.size(); ++i)
-    if (smooth.positions[i].x == 1) EXPECT_NEAR(std::atan2(-smooth.normals[i].x, smooth.normals[i].z), 22.5f * kPi / 180, 1e-5f);
+  for (std::size_t i = 0; i < smooth.positions.size(); ++i) {
+    if (smooth.positions[i].x != 1) continue;
+    EXPECT_NEAR(std::atan2(-smooth.normals[i].x, smooth.normals[i].z), 22.5f * kPi / 180, 1e-5f);
+  }
 }
 
 TEST(Normals, WindingFollowsNormals) {

@@ -216,9 +216,10 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
     const Shape& shape = rays.shape(hit->point);
     const Material& material = *shape.material;
 
+    const VertexNumbers u = stream.vertex(vertex);
     if (masks && material.has_opacity()) {
       const float opacity = material.opacity(s);
-      if (opacity < 1 && stream.get1(coordinate(vertex, VertexDim::kOpacity)) >= opacity) {
+      if (opacity < 1 && u.opacity >= opacity) {
         ray.o = rays.offset_origin(s.p, s.ng, ray.d);
         ray.tmin = 0;
         ray.tmax = kInfinity;
@@ -264,8 +265,7 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
     // Next-event estimation. [Zimmer 2015, Sec. 3]: each event's share goes to the class that it leads to.
     const bool next_event = bsdf.has_non_delta() && !lights.empty();
     if (next_event) {
-      const auto light = lights.sample(s.p, time, stream.get1(coordinate(vertex, VertexDim::kLightChoice)),
-                                       stream.get2(coordinate(vertex, VertexDim::kLightPoint)));
+      const auto light = lights.sample(s.p, time, u.light_choice, u.light_point);
       if (light && !is_black(light->radiance)) {
         const BsdfEval f = bsdf.eval(s.wo, light->wi);
         if (!is_black(f.sum())) {
@@ -295,8 +295,7 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
       }
     }
 
-    const auto sample = bsdf.sample(s.wo, stream.get1(coordinate(vertex, VertexDim::kLobe)),
-                                    stream.get2(coordinate(vertex, VertexDim::kDirection)));
+    const auto sample = bsdf.sample(s.wo, u.lobe, u.direction);
     if (!sample || !(sample->pdf > 0)) break;
     const Rgb total = sample->sum();
     if (is_black(total)) break;
@@ -309,8 +308,7 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
     } else {
       // Events that lead to one state need no choice; between states, choose by luminance and divide. The number that
       // chose the lobe is spent; a hash of it chooses the state.
-      const float u = to_unit_float(std::uint32_t(
-          mix64(std::bit_cast<std::uint32_t>(stream.get1(coordinate(vertex, VertexDim::kLobe))) + 0x5851f42dull)));
+      const float u_state = to_unit_float(std::uint32_t(mix64(std::bit_cast<std::uint32_t>(u.lobe) + 0x5851f42dull)));
       Rgb chosen;
       float below = 0;
       const LightPathClassifier::State from = state;
@@ -320,7 +318,7 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
         chosen = p < 1 ? share * (1 / p) : share;
         state = next;
         below += p;
-        return u >= below;
+        return u_state >= below;
       });
       beta *= chosen * inv_pdf;
     }
@@ -335,7 +333,7 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
 
     if (edges > rr_depth_) {
       const float q = std::min(beta_roulette * eta_product, kMaxContinue);
-      if (!(stream.get1(coordinate(vertex, VertexDim::kRoulette)) < q)) break;
+      if (!(u.roulette < q)) break;
       beta *= 1 / q;
       beta_roulette /= q;
     }

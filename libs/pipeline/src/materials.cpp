@@ -67,8 +67,7 @@ Slot MaterialValues::slot(const std::string& name, bool is_color) const {
                             text));
   }
   ImageTextureParams texture;
-  // Only values from files have lines; those of the command line are relative to the current directory.
-  texture.file = loc(name).line > 0 ? folder_ / text : std::filesystem::path(text);
+  texture.file = files_(text, loc(name));
   texture.flip_v = true;
   if (!is_color) {
     texture.encoding = ColorEncoding::kLinear;
@@ -251,7 +250,7 @@ std::span<const ParamSpec> common_material_params() {
 }
 
 void override_material(Scene& scene, const std::string& name, const std::map<std::string, ParamValue>& values,
-                       const std::map<std::string, SourceLoc>& locs, const std::filesystem::path& folder) {
+                       const std::map<std::string, SourceLoc>& locs, const FileResolver& files) {
   const SourceLoc first = locs.empty() ? SourceLoc{} : locs.begin()->second;
   std::vector<std::string> known;
   bool found = false;
@@ -284,7 +283,7 @@ void override_material(Scene& scene, const std::string& name, const std::map<std
   for (const auto& [key, value] : values) {
     if (key != "type") params.set_text(key, to_text(value), locs.at(key));
   }
-  const MaterialValues v(params, locs, folder);
+  const MaterialValues v(params, locs, files);
   MaterialPtr material = entry->make(v);
   if (params.get_bool("two_sided")) material = make_two_sided(material);
   const Slot opacity = v.scalar_slot("opacity");

@@ -299,15 +299,16 @@ void replace_materials(const ShotConfig& config, Shot& shot, Scene& scene) {
     Override& o = overrides[key[0]];
     o.values[key[1]] = value.value;
     o.locs[key[1]] = value.loc;
-    std::string text = to_text(value.value);
-    if (std::filesystem::is_regular_file(config.input_path({text, value.loc}))) {
-      text = fmt::format("{:016x}", hash_bytes(read_file(config.input_path({text, value.loc}).string())));
+    shot.edits += fmt::format("material:{}.{}={};", key[0], key[1], to_text(value.value));
+  }
+  const auto files = [&](const std::string& name, const SourceLoc& loc) {
+    const std::filesystem::path file = config.input_path({name, loc});
+    if (std::error_code ignored; std::filesystem::is_regular_file(file, ignored)) {
+      shot.edits += fmt::format("file:{:016x};", hash_bytes(read_file(file.string())));
     }
-    shot.edits += fmt::format("material:{}.{}={};", key[0], key[1], text);
-  }
-  for (const auto& [name, o] : overrides) {
-    override_material(scene, name, o.values, o.locs, config.file().parent_path());
-  }
+    return file;
+  };
+  for (const auto& [name, o] : overrides) override_material(scene, name, o.values, o.locs, files);
 }
 
 }  // namespace

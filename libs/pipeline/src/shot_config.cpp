@@ -67,13 +67,28 @@ const OpenTable* find_table(const std::string& name) {
   return nullptr;
 }
 
-std::string known_keys(const std::string& wanted) {
+/// The keys nearest to one that does not exist.
+std::string known_keys(const KeyPath& wanted) {
+  if (const OpenTable* t = find_table(wanted[0]); t && wanted[0] != "integrator") {
+    return fmt::format("keys of this table are {}.<{}>{}", t->name, t->key_name, t->depth == 2 ? ".<parameter>" : "");
+  }
   std::vector<std::string> names;
   for (const ShotKey& k : shot_keys()) names.push_back(k.spec.name);
-  for (const OpenTable& t : shot_tables()) {
-    names.push_back(fmt::format("{}.<{}>{}", t.name, t.key_name, t.depth == 2 ? ".<parameter>" : ""));
+  for (const OpenTable& t : shot_tables()) names.push_back(t.name);
+  return "known: " + nearest_names(join_key(wanted), names, 5);
+}
+
+Error unknown_table(const KeyPath& wanted, const SourceLoc& loc) {
+  std::vector<std::string> names;
+  for (const ShotKey& k : shot_keys()) {
+    const std::string table = k.spec.name.substr(0, k.spec.name.find('.'));
+    if (table != k.spec.name && (names.empty() || names.back() != table)) names.push_back(table);
   }
-  return nearest_names(wanted, names, 5);
+  for (const OpenTable& t : shot_tables()) {
+    if (std::find(names.begin(), names.end(), t.name) == names.end()) names.push_back(t.name);
+  }
+  return Error(ErrorCode::kUnknownName, loc,
+               fmt::format("unknown table [{}]; known: {}", join_key(wanted), nearest_names(join_key(wanted), names, 5)));
 }
 
 SourceLoc place(const std::string& file, const toml::source_region& region) {
@@ -141,8 +156,7 @@ void ShotConfig::read_text(std::string_view text, const std::string& file, const
         if (!open && std::none_of(shot_keys().begin(), shot_keys().end(), [&](const ShotKey& k) {
               return k.spec.name.starts_with(key[0] + ".");
             })) {
-          throw Error(ErrorCode::kUnknownName, key_loc,
-                      fmt::format("unknown table [{}]; known keys: {}", join_key(key), known_keys(join_key(key))));
+          throw unknown_table(key, key_loc);
         }
         self(self, *inner, key);
         continue;
@@ -156,8 +170,7 @@ void ShotConfig::read_text(std::string_view text, const std::string& file, const
         }
         set(key, joined(*array, dotted, file), false, loc, key_loc);
       } else if (node.is_table()) {
-        throw Error(ErrorCode::kUnknownName, key_loc,
-                    fmt::format("unknown table [{}]; known keys: {}", dotted, known_keys(dotted)));
+        throw unknown_table(key, key_loc);
       } else {
         set(key, scalar(node, dotted, loc), false, loc, key_loc);
       }
@@ -190,7 +203,7 @@ void ShotConfig::set(const KeyPath& key, const ParamValue& value, bool as_text, 
   }
   const OpenTable* open = find_table(key[0]);
   if (!open || key.size() != std::size_t(open->depth) + 1) {
-    throw Error(ErrorCode::kUnknownName, key_loc, fmt::format("unknown key \"{}\"; known: {}", dotted, known_keys(dotted)));
+    throw Error(ErrorCode::kUnknownName, key_loc, fmt::format("unknown key \"{}\"; {}", dotted, known_keys(key)));
   }
   values_[key] = {value, loc};
 }
@@ -240,7 +253,18 @@ SourceLoc ShotConfig::loc(const std::string& key) const {
 
 std::filesystem::path ShotConfig::input_path(const ShotValue& value) const {
   const std::filesystem::path path = std::get<std::string>(value.value);
-  return value.loc.line > 0 ? folder_ / path : path;  // only files have lines
+  if (value.loc.line == 0) return path;  // only files have lines
+  if (sandbox_) {
+    std::error_code failed;
+    const auto inside = std::filesystem::weakly_canonical(folder_.empty() ? "." : folder_, failed);
+    const auto target = std::filesystem::weakly_canonical(folder_ / path, failed);
+    const auto [end, rest] = std::mismatch(inside.begin(), inside.end(), target.begin(), target.end());
+    if (failed || end != inside.end()) {
+      throw Error(ErrorCode::kBadInput, value.loc,
+                  fmt::format("\"{}\" lies outside of the folder of the shot, which --sandbox forbids", path.string()));
+    }
+  }
+  return folder_ / path;
 }
 
 std::filesystem::path ShotConfig::input_path(const std::string& key) const {

@@ -41,6 +41,7 @@ class RenderSequence : public testing::Test {
     scene_.cameras[0].node = 1;
     validate(scene_);
 
+    shot_.scene_file = "scene.xml";
     shot_.settings.width = 80, shot_.settings.height = 70;  // 3 x 3 tiles
     shot_.settings.spp = 2;
     shot_.settings.layers = {"color", "albedo", "motion.forward", "CryptoObject00"};

@@ -88,7 +88,7 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(
         Bad{"scene = \"a\"\ncamra = \"b\"\n", ErrorCode::kUnknownName, 2, 1, "known: camera"},
         Bad{"[film]\nresolutoin = [1, 2]\n", ErrorCode::kUnknownName, 2, 1, "known: film.resolution"},
-        Bad{"[flim]\nfilter = \"box\"\n", ErrorCode::kUnknownName, 1, 2, "film."},
+        Bad{"[flim]\nfilter = \"box\"\n", ErrorCode::kUnknownName, 1, 2, "known: film"},
         Bad{"[film.filter]\nname = \"box\"\n", ErrorCode::kUnknownName, 1, 7, "unknown table"},
         Bad{"[sampling]\nspp = \"many\"\n", ErrorCode::kBadInput, 2, 7, "expected a integer"},
         Bad{"[sampling]\nspp = 0\n", ErrorCode::kOutOfRange, 2, 7, "between 1 and"},

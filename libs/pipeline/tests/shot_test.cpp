@@ -191,10 +191,27 @@ TEST(Shot, FingerprintChangesWithWhatChangesPixelsOnly) {
   EXPECT_EQ(fingerprint(settle("frames = \"1-9\"\n[output]\npath = \"a.exr\"\n[video]\npath = \"b.mp4\"\n", s), s, 1), print);
 }
 
+TEST(Shot, SandboxHoldsForTheFileOnly) {
+  ShotConfig c;
+  c.read_text("scene = \"../a.xml\"\n[environment]\nimage = \"sub/../b.hdr\"\n", "shot.toml", "folder");
+  EXPECT_EQ(c.input_path("scene"), std::filesystem::path("folder/../a.xml"));
+  c.set_sandbox(true);
+  EXPECT_NO_THROW(c.input_path("environment.image"));
+  try {
+    c.input_path("scene");
+    FAIL();
+  } catch (const Error& e) {
+    EXPECT_EQ(e.code(), ErrorCode::kBadInput);
+    EXPECT_EQ(e.loc().line, 1);
+  }
+  c.set_text("scene", "../a.xml");
+  EXPECT_NO_THROW(c.input_path("scene")) << "what the user types is the user's will";
+}
+
 TEST(Materials, EveryTypeHasWorkingDefaults) {
   for (const MaterialEntry& e : material_catalog()) {
     Scene s = scene();
-    override_material(s, "Paint", {{"type", e.name}}, {{"type", {}}}, ".");
+    override_material(s, "Paint", {{"type", e.name}}, {{"type", {}}}, {});
     ASSERT_TRUE(s.shapes[0].material) << e.name;
     ShadingPoint p;
     p.wo = {0, 0, 1};

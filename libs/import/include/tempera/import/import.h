@@ -17,11 +17,11 @@ namespace tempera {
 
 struct ImportOptions {
   /// Values of `$name` parameters that override the file's own <default>s (Mitsuba's -D name=value).
-  std::vector<std::pair<std::string, std::string>> defines;
+  std::vector<std::pair<std::string, std::string>> defines{};
   bool strict = false;             ///< throw Error{kUnsupported} if there was any warning, instead of keeping them
   bool sandbox = false;            ///< refuse to read files outside the folder of the scene file
   std::uint64_t memory_limit = 0;  ///< bytes that file contents and geometry may take together; 0: no limit
-  std::string animation;           ///< glTF: the one animation to play; empty: all of them together
+  std::string animation{};         ///< glTF: the one animation to play; empty: all of them together
   double fps = 24;                 ///< glTF: frame rate of tracks that count in frames rather than in seconds
 };
 

@@ -3,6 +3,7 @@
 // Materials by name and parameters: what shot.toml's [materials.<name>] tables replace a scene's materials with. The table
 // of types feeds the parser, `tempera list bsdfs` and the manual.
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -17,11 +18,14 @@
 
 namespace tempera {
 
-/// Values of a material's table, still as text, with the place and the folder that texture files are relative to.
+/// Where a texture file that is called `name` at `loc` lies.
+using FileResolver = std::function<std::filesystem::path(const std::string& name, const SourceLoc& loc)>;
+
+/// Values of a material's table, still as text, with their places.
 class MaterialValues {
  public:
-  MaterialValues(const Params& params, std::map<std::string, SourceLoc> locs, std::filesystem::path folder)
-      : params_(params), locs_(std::move(locs)), folder_(std::move(folder)) {}
+  MaterialValues(const Params& params, std::map<std::string, SourceLoc> locs, FileResolver files)
+      : params_(params), locs_(std::move(locs)), files_(std::move(files)) {}
   /// A constant ("0.5", "0.8,0.1,0.1", "#cc3300" in sRGB) or an image file. Errors: Error{kBadInput | kMissingFile} at it.
   Slot color_slot(const std::string& name) const;
   /// The same for what is no color: the first channel of an image is taken as stored.
@@ -35,7 +39,7 @@ class MaterialValues {
   Slot slot(const std::string& name, bool is_color) const;
   const Params& params_;
   std::map<std::string, SourceLoc> locs_;
-  std::filesystem::path folder_;
+  FileResolver files_;
 };
 
 /// One type of material.
@@ -50,11 +54,11 @@ std::span<const MaterialEntry> material_catalog();
 /// Parameters that every type has besides its own: opacity, two_sided, emission.
 std::span<const ParamSpec> common_material_params();
 
-/// Replaces the material of all shapes whose material is called `name`. `values` are the parameters, `type` among them;
-/// `name_loc` is where the name stands; texture files are relative to the folder that `folder` gives for a value.
+/// Replaces the material of all shapes whose material is called `name`. `values` are the parameters, `type` among them,
+/// `locs` where each stands.
 /// Errors: Error{kUnknownName} for a material that the scene lacks, a type or a parameter; those of make.
 void override_material(Scene& scene, const std::string& name, const std::map<std::string, ParamValue>& values,
-                       const std::map<std::string, SourceLoc>& locs, const std::filesystem::path& folder);
+                       const std::map<std::string, SourceLoc>& locs, const FileResolver& files);
 
 /// "0.5", "0.8,0.1,0.1" or "#rrggbb" (sRGB) as linear RGB; none for other text.
 std::optional<Rgb> parse_color(std::string_view text);

@@ -74,7 +74,9 @@ class ShotConfig {
   const std::string& get_string(const std::string& key) const { return std::get<std::string>(get(key)); }
   /// Where a key was given; an empty place if it was not.
   SourceLoc loc(const std::string& key) const;
-  /// A string key that names an input file, relative to where it was written.
+  /// With true, input_path refuses what the file names outside of its folder.
+  void set_sandbox(bool sandbox) { sandbox_ = sandbox; }
+  /// A string key that names an input file, relative to where it was written. Errors: Error{kBadInput} outside the sandbox.
   std::filesystem::path input_path(const std::string& key) const;
   std::filesystem::path input_path(const ShotValue& value) const;
   /// The file that was read; empty if none was.
@@ -87,6 +89,7 @@ class ShotConfig {
   void set(const KeyPath& key, const ParamValue& value, bool as_text, const SourceLoc& loc, const SourceLoc& key_loc);
   std::map<KeyPath, ShotValue> values_;
   std::filesystem::path file_, folder_;
+  bool sandbox_ = false;
 };
 
 }  // namespace tempera
