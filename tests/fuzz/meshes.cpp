@@ -9,7 +9,7 @@ namespace tempera::fuzz {
 namespace {
 
 /// What the importer of a scene does with a mesh, and then the rest of the program.
-void use(Mesh mesh) {
+void use(Mesh mesh, std::string_view input) {
   Mesh creased = mesh;
   fill_normals(mesh);
   align_winding(mesh);
@@ -22,25 +22,25 @@ void use(Mesh mesh) {
   }
   scene.cameras.emplace_back();
   validate(scene);
-  exercise(scene);
+  exercise(scene, input);
 }
 
 }  // namespace
 
 void obj(std::string_view input) {
-  expect_bad_input_only([&] { use(read_obj(input, "input.obj")); });
+  expect_bad_input_only([&] { use(read_obj(input, "input.obj"), input); });
 }
 
 void ply(std::string_view input) {
   expect_bad_input_only([&] {
     Warnings warnings;
-    use(read_ply(input, "input.ply", warnings));
+    use(read_ply(input, "input.ply", warnings), input);
   });
 }
 
 void serialized(std::string_view input) {
   for (const int index : {0, 1, 1000}) {
-    expect_bad_input_only([&] { use(read_serialized(input, "input.serialized", index, kMemoryLimit)); });
+    expect_bad_input_only([&] { use(read_serialized(input, "input.serialized", index, kMemoryLimit), input); });
   }
 }
 

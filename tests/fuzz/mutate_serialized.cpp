@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mutates what a Mitsuba serialized file holds after unpacking and packs it again: mutations of the compressed bytes end
-// at their checksum.
+// Mutates what a Mitsuba serialized file holds after unpacking and packs it again: mutations of the compressed bytes
+// end at their checksum.
 #include <zlib.h>
 
 #include <algorithm>

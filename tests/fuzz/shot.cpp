@@ -16,7 +16,7 @@ void shot(std::string_view input) {
     const LoadedShot loaded = load_shot(config, options, warnings);
     warnings.report();
     if (!loaded.shot.frames.empty()) (void)fingerprint(loaded.shot, loaded.scene, loaded.shot.frames.front());
-    exercise(loaded.scene);
+    exercise(loaded.scene, input);
   });
 }
 

@@ -198,7 +198,7 @@ void GeometryCache::Impl::add_geometry(RTCScene target, const PlacedShape& sourc
       } else {
         void* copy = rtcSetNewGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, unsigned(k), RTC_FORMAT_FLOAT3, sizeof(Vec3f),
                                              mesh.positions.size());
-        if (copy) std::memcpy(copy, v.positions, sizeof(Vec3f) * mesh.positions.size());
+        if (copy && !mesh.positions.empty()) std::memcpy(copy, v.positions, sizeof(Vec3f) * mesh.positions.size());
       }
     }
     rtcSetGeometryBuildQuality(g, quality);

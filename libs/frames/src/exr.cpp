@@ -154,16 +154,15 @@ void write_frame(const std::string& path, const Frame& frame, const WriteOptions
     }
   }
   spec.attribute("compression", oiio_name(options.compression));
-  for (const auto& [name, value] : metadata) {
-    std::visit(
-        [&](const auto& v) {
-          if constexpr (std::is_same_v<std::decay_t<decltype(v)>, double>) {
-            spec.attribute(name, OIIO::TypeDesc::DOUBLE, &v);
-          } else {
-            spec.attribute(name, v);
-          }
-        },
-        value);
+  for (const auto& entry : metadata) {
+    const std::string& name = entry.first;
+    if (const double* number = std::get_if<double>(&entry.second)) {
+      spec.attribute(name, OIIO::TypeDesc::DOUBLE, number);
+    } else if (const int* integer = std::get_if<int>(&entry.second)) {
+      spec.attribute(name, *integer);
+    } else {
+      spec.attribute(name, std::get<std::string>(entry.second));
+    }
   }
   if (const auto fps = metadata.find("tempera/fps"); fps != metadata.end()) {  // the standard attribute, for players
     if (const double* v = std::get_if<double>(&fps->second); v && *v >= 0.001 && *v <= 1e6) {

@@ -96,10 +96,10 @@ FrameSequence::FrameSequence(const std::string& pattern) : pattern_(pattern) {
     // "f.##.exr" also names f.100.exr: patterns that another one covers go.
     for (auto it = found.begin(); it != found.end();) {
       bool covered = false;
-      for (const auto& [p, frames] : found) {
-        if (p.size() >= it->first.size()) continue;
+      for (const auto& other : found) {
+        if (other.first.size() >= it->first.size()) continue;
         covered = covered || std::all_of(it->second.begin(), it->second.end(),
-                                         [&](int n) { return frame_path(p, n) == frame_path(it->first, n); });
+                                         [&](int n) { return frame_path(other.first, n) == frame_path(it->first, n); });
       }
       it = covered ? found.erase(it) : std::next(it);
     }

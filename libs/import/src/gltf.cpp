@@ -95,7 +95,6 @@ class GltfImporter {
   void add_light(int node, int index);
   int add_node(Node node);
   int add_turned_child(int parent, const std::string& name);
-  Affine3d world(int node, double t) const;
   Json node_json(int node) const { return document_.list("nodes").at(std::size_t(node)); }
 
   InputFiles files_;
@@ -106,6 +105,7 @@ class GltfImporter {
   std::vector<int> scene_node_;   // of each glTF node
   std::vector<int> gltf_parent_;  // of each glTF node, or -1
   std::vector<int> order_;        // glTF nodes, parents first
+  std::vector<Affine3d> world_;   // of each scene node that stands for a glTF node, at time 0
   std::vector<GltfMesh> meshes_;
 };
 
@@ -173,6 +173,7 @@ void GltfImporter::build_nodes() {
     node.name = json["name"].string();
     node.local = node_transform(json, i);
     node.visibility = node_visibility(json, i);
+    world_.push_back(node.parent < 0 ? node.local.at(0) : world_[std::size_t(node.parent)] * node.local.at(0));
     scene_node_[std::size_t(i)] = add_node(std::move(node));
   }
 }
@@ -425,16 +426,10 @@ void GltfImporter::add_gpu_instances(const Json& extension, const Instance& inst
   }
 }
 
-Affine3d GltfImporter::world(int node, double t) const {
-  Affine3d m;
-  for (; node >= 0; node = scene_.nodes[std::size_t(node)].parent) m = scene_.nodes[std::size_t(node)].local.at(t) * m;
-  return m;
-}
-
 /// A child of `parent` that looks along the parent's -z. glTF ignores the scale of the nodes of cameras and lights:
 /// this undoes the one at time 0. Returns -1 if the parent's transform is singular then.
 int GltfImporter::add_turned_child(int parent, const std::string& name) {
-  Affine3d m = world(parent, 0);
+  Affine3d m = world_[std::size_t(parent)];
   m.translation = {};
   const Vec3d z = normalize(m.z), x = normalize(cross(m.y, z));
   const Affine3d unscale = inverse(m) * Affine3d{x, cross(z, x), z};

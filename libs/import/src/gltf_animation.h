@@ -3,6 +3,7 @@
 // Animation channels of a glTF file by the JSON pointer of what they drive, whether they come from a core target
 // (node, path) or from KHR_animation_pointer. Whoever builds a node, camera, light or material asks for its tracks.
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 

@@ -175,10 +175,7 @@ GltfDocument::GltfDocument(const std::filesystem::path& file, const ImportOption
   read_accessors();
 }
 
-void GltfDocument::warn(const std::string& what, const Json& where) const {
-  // Finding a line means counting from the start of the file: once per kind is enough.
-  warnings_.add(what, warned_.insert(what).second ? where.loc() : SourceLoc{});
-}
+void GltfDocument::warn(const std::string& what, const Json& where) const { warnings_.add(what, where.loc()); }
 
 void GltfDocument::read_container(const ImportOptions& options) {
   const std::string name = file_.string();

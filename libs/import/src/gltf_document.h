@@ -10,7 +10,6 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
-#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -117,7 +116,6 @@ class GltfDocument {
   std::vector<Accessor> accessors_;
   std::uint64_t total_bytes_ = 0;
   int blender_version_ = 0;
-  mutable std::set<std::string> warned_;
 };
 
 }  // namespace tempera

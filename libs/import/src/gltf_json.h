@@ -99,6 +99,7 @@ class JsonDocument {
 
   std::string file_;
   std::string_view text_;
+  std::vector<std::size_t> lines_;  // where each line but the first starts
   std::vector<Node> nodes_;
   std::vector<std::uint32_t> children_;
   std::string strings_;

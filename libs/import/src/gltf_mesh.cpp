@@ -188,10 +188,13 @@ void PrimitiveReader::read_colors(const Json& attributes) {
 
 void PrimitiveReader::read_weights(const Json& attributes) {
   std::vector<std::vector<Vec4>> joints, weights;
+  constexpr int kMaxSets = 64;
   for (int set = 0;; ++set) {
     const std::string joint_name = fmt::format("JOINTS_{}", set), weight_name = fmt::format("WEIGHTS_{}", set);
     const Json joint = attributes[joint_name], weight = attributes[weight_name];
     if (!joint && !weight) break;
+    if (set == kMaxSets)
+      joint.fail(ErrorCode::kUnsupported, fmt::format("more than {} joints per vertex", 4 * kMaxSets));
     if (!joint || !weight) attributes.fail(fmt::format("has only one of {} and {}", joint_name, weight_name));
     const Accessor& a = document_.accessor(joint, "VEC4");
     if ((a.type != ComponentType::kUByte && a.type != ComponentType::kUShort) || a.normalized)

@@ -1078,12 +1078,14 @@ TEST_F(Gltf, DamagedFilesLoadOrGiveAnError) {
   if (!fs::exists(root)) GTEST_SKIP();
   std::mt19937 random(20240607);
   ImportOptions options;
-  options.sandbox = true;
   options.memory_limit = std::uint64_t(1) << 30;
   int loaded = 0, refused = 0;
   for (const auto& entry : fs::recursive_directory_iterator(root)) {
     if (entry.path().extension() != ".glb" && entry.path().extension() != ".gltf") continue;
-    if (entry.file_size() > 300000) continue;  // the large ones differ in size only
+    if (entry.file_size() > 300000) continue;                                     // the large ones differ in size only
+    for (const auto& other : fs::directory_iterator(entry.path().parent_path()))  // buffers and images
+      if (const fs::path link = dir_ / other.path().filename(); !fs::exists(link))
+        fs::create_symlink(other.path(), link);
     std::ifstream in(entry.path(), std::ios::binary);
     const std::string original((std::istreambuf_iterator<char>(in)), {});
     const bool binary = original.compare(0, 4, "glTF") == 0;

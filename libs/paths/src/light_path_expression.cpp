@@ -17,6 +17,7 @@ constexpr int kMaxNesting = 64;
 constexpr int kMaxRepetitions = 255;
 constexpr std::size_t kMaxNfaStates = 8192;
 constexpr std::size_t kMaxDfaStates = 4096;
+constexpr std::size_t kMaxSteps = std::size_t(1) << 23;  // of the subset construction, together well below a second
 
 // Letters as bits, in the order of the automaton's columns: the events of the table, then E and L, which only begin and
 // end a path.
@@ -315,9 +316,10 @@ void for_each(const StateSet& set, F&& f) {
     for (std::uint64_t bits = set[w]; bits; bits &= bits - 1) f(int(w * 64) + std::countr_zero(bits));
   }
 }
-/// Adds all that empty transitions reach from `from`.
-void close(const std::vector<NfaState>& nfa, StateSet& set, std::vector<int>& from) {
-  while (!from.empty()) {
+/// Adds all that empty transitions reach from `from`; returns how many steps that took.
+std::size_t close(const std::vector<NfaState>& nfa, StateSet& set, std::vector<int>& from) {
+  std::size_t steps = 0;
+  for (; !from.empty(); ++steps) {
     const int i = from.back();
     from.pop_back();
     if (i < 0 || contains(set, i)) continue;
@@ -325,6 +327,7 @@ void close(const std::vector<NfaState>& nfa, StateSet& set, std::vector<int>& fr
     const auto& empty = nfa[std::size_t(i)].empty;
     from.insert(from.end(), empty.begin(), empty.end());
   }
+  return steps;
 }
 
 /// A complete deterministic automaton over D, R, T, V; state 0 stands after E.
@@ -352,14 +355,13 @@ Dfa determinize(const std::vector<NfaState>& nfa, const std::vector<Fragment>& e
   Dfa dfa;
   std::map<StateSet, int> numbers;
   std::vector<const StateSet*> sets;
+  std::size_t steps = 0;
   const auto number = [&](StateSet&& set) {
     const auto [it, added] = numbers.try_emplace(std::move(set), int(sets.size()));
     if (added) {
-      if (sets.size() >= kMaxDfaStates) {
+      if (sets.size() >= kMaxDfaStates || steps > kMaxSteps) {
         throw Error(ErrorCode::kOutOfRange, loc,
-                    fmt::format("the light-path expressions need more than {} states together; use fewer or simpler "
-                                "repetitions",
-                                kMaxDfaStates));
+                    "the light-path expressions are too complex together; use fewer or simpler repetitions");
       }
       sets.push_back(&it->first);
       std::uint32_t accept = 0;
@@ -374,7 +376,7 @@ Dfa determinize(const std::vector<NfaState>& nfa, const std::vector<Fragment>& e
       if (nfa[std::size_t(i)].letters & letter) open.push_back(nfa[std::size_t(i)].next);
     });
     StateSet after = none;
-    close(nfa, after, open);
+    steps += set.size() + open.size() + close(nfa, after, open);
     return after;
   };
   StateSet origin = none;

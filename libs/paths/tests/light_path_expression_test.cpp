@@ -292,6 +292,7 @@ TEST(LightPathExpression, HostileExpressionsEndQuickly) {
       {eye + repeat(open, 65) + "D" + repeat(close, 65)},
       {"E.*D.{40}"},
       {"E(.*D.{9}){9}"},
+      {"E.D**.+{255}{2,8}"},
       {"E.{255}{255}"},
       {"E((.{0,255}){0,255}){0,255}"},
       std::vector<std::string>(33, "ED"),
