@@ -8,6 +8,13 @@
 #include <cstdint>
 #include <limits>
 
+// The compiler's estimate of what inlining costs keeps these few instructions out of the large functions that use them most.
+#if defined(__GNUC__)
+#define TEMPERA_INLINE [[gnu::always_inline]] inline
+#else
+#define TEMPERA_INLINE inline
+#endif
+
 namespace tempera {
 
 inline constexpr float kPi = 3.14159265358979323846f;
@@ -81,7 +88,7 @@ template <class V>
 auto length(const V& v) { return std::sqrt(dot(v, v)); }
 /// Unit vector along `v`; a zero vector stays zero.
 template <class T>
-Vec3<T> normalize(const Vec3<T>& v) {
+TEMPERA_INLINE Vec3<T> normalize(const Vec3<T>& v) {
   const T l = length(v);
   return l > 0 ? v * (T(1) / l) : v;
 }
@@ -258,22 +265,22 @@ struct Basis {
   Basis() = default;
   Basis(const Vec3f& s_, const Vec3f& t_, const Vec3f& n_) : s(s_), t(t_), n(n_) {}
   /// Branchless construction from a unit normal [Duff 2017].
-  explicit Basis(const Vec3f& normal) : n(normal) {
+  TEMPERA_INLINE explicit Basis(const Vec3f& normal) : n(normal) {
     const float sign = std::copysign(1.0f, n.z);
     const float a = -1.0f / (sign + n.z), b = n.x * n.y * a;
     s = {1 + sign * n.x * n.x * a, sign * b, -sign * n.x};
     t = {b, sign + n.y * n.y * a, -n.y};
   }
   /// Basis whose s lies along the projection of `tangent`; falls back to an arbitrary tangent when that vanishes.
-  static Basis with_tangent(const Vec3f& normal, const Vec3f& tangent) {
+  TEMPERA_INLINE static Basis with_tangent(const Vec3f& normal, const Vec3f& tangent) {
     const Vec3f p = tangent - normal * dot(normal, tangent);
     const float l2 = length_squared(p);
     if (!(l2 > 1e-20f * length_squared(tangent)) || !std::isfinite(l2)) return Basis(normal);
     const Vec3f s = p * (1.0f / std::sqrt(l2));
     return {s, cross(normal, s), normal};
   }
-  Vec3f to_local(const Vec3f& v) const { return {dot(v, s), dot(v, t), dot(v, n)}; }
-  Vec3f to_world(const Vec3f& v) const { return s * v.x + t * v.y + n * v.z; }
+  TEMPERA_INLINE Vec3f to_local(const Vec3f& v) const { return {dot(v, s), dot(v, t), dot(v, n)}; }
+  TEMPERA_INLINE Vec3f to_world(const Vec3f& v) const { return s * v.x + t * v.y + n * v.z; }
 };
 
 }  // namespace tempera
