@@ -99,8 +99,8 @@ TEST(MotionVectors, ZoomingCamera) {
 
 TEST(MotionBlur, EdgesOfAMovingCardAreRamps) {
   // One frame of one second: the card travels 0.5 m to the right and 0.25 m up.
-  const Rendered r = render("tests/card_translate.gltf", 0, {"film.resolution=64x64", "sampling.spp=1024", "fps=1", "shutter.open=0",
-                                                              "shutter.close=1", "motion_segments=8"});
+  const Rendered r = render("tests/card_translate.gltf", 0, {"film.resolution=64x64", "film.crop=0,32,64,1", "sampling.spp=1024",
+                                                              "fps=1", "shutter.open=0", "shutter.close=1"});
   const Image& color = r.frame.layer("color");
   const double f = pixels_per_metre();
   // Coverage of pixel columns in the middle rows: the share of time and width in which the card is there.
@@ -116,18 +116,18 @@ TEST(MotionBlur, EdgesOfAMovingCardAreRamps) {
   double worst = 0;
   for (int x = 0; x < kSide; ++x) {
     const double wanted = coverage((x - kSide / 2) / f, (x + 1 - kSide / 2) / f);
-    worst = std::max(worst, std::abs(double(color.at(x, kSide / 2, 3)) - wanted));
+    worst = std::max(worst, std::abs(double(color.at(x, 0, 3)) - wanted));
   }
   EXPECT_LT(worst, 0.01);
 }
 
 TEST(Furnace, EveryPixelIsOne) {
-  const Rendered r = render("tests/furnace.xml", 0, {"film.resolution=32x32", "sampling.spp=64", "integrator.rr_depth=64"});
+  const Rendered r = render("tests/furnace.xml", 0, {"film.resolution=16x16", "sampling.spp=64"});
   double mean = 0;
-  for (int y = 0; y < 32; ++y) {
-    for (int x = 0; x < 32; ++x) mean += r.frame.layer("color").at(x, y, 1) / (32.0 * 32.0);
+  for (int y = 0; y < 16; ++y) {
+    for (int x = 0; x < 16; ++x) mean += r.frame.layer("color").at(x, y, 1) / (16.0 * 16.0);
   }
-  EXPECT_NEAR(mean, 1, 5e-3);
+  EXPECT_NEAR(mean, 1, 0.01);
 }
 
 TEST(Layers, PartsOfADecompositionAddUpToColor) {
@@ -152,19 +152,24 @@ TEST(Layers, HalvesAverageToColorAndVarianceIsTheirs) {
   const Rendered r = render("tests/cornell.xml", 0, {"film.resolution=48x48", "sampling.spp=64", "sampling.sampler=independent",
                                                       "output.layers=halves,color.var,samples"});
   const Image &color = r.frame.layer("color"), &a = r.frame.layer("color.a"), &b = r.frame.layer("color.b");
-  // Two independent estimates of 32 samples: half their squared difference estimates twice the variance of the mean of 64.
-  double from_halves = 0, stated = 0;
+  // a - b of two independent halves has four times the variance of their mean. Averaged as ratios: a sum of variances would
+  // be that of the few pixels at the edge of the light.
+  double ratio = 0;
+  int count = 0;
   for (int y = 0; y < 48; ++y) {
     for (int x = 0; x < 48; ++x) {
       for (int c = 0; c < 3; ++c) {
         ASSERT_NEAR(0.5f * (a.at(x, y, c) + b.at(x, y, c)), color.at(x, y, c), 1e-5f * std::max(1.0f, color.at(x, y, c)));
-        from_halves += 0.25 * sqr(double(a.at(x, y, c)) - b.at(x, y, c));
-        stated += r.frame.layer("color.var").at(x, y, c);
+        const double variance = r.frame.layer("color.var").at(x, y, c);
+        if (!(variance > 0)) continue;
+        ratio += 0.25 * sqr(double(a.at(x, y, c)) - b.at(x, y, c)) / variance;
+        ++count;
       }
       ASSERT_EQ(r.frame.layer("samples").at(x, y), 64.0f);
     }
   }
-  EXPECT_NEAR(from_halves / stated, 1, 0.15);
+  EXPECT_GT(count, 48 * 48 * 2);
+  EXPECT_NEAR(ratio / count, 1, 0.1);
 }
 
 TEST(Layers, CryptomatteCoversWhatObjectIdsShow) {

@@ -34,7 +34,8 @@ InputFiles::InputFiles(const std::filesystem::path& scene_file, const ImportOpti
 void InputFiles::check(const std::filesystem::path& file, const SourceLoc& loc) const {
   std::error_code failed;
   if (!root_.empty()) {  // before looking at the file: whether it exists is not to be found out either
-    const std::filesystem::path real = std::filesystem::weakly_canonical(std::filesystem::absolute(file, failed), failed);
+    const std::filesystem::path real =
+        std::filesystem::weakly_canonical(std::filesystem::absolute(file, failed), failed);
     if (failed || std::mismatch(root_.begin(), root_.end(), real.begin(), real.end()).first != root_.end())
       throw Error(ErrorCode::kBadInput, loc,
                   fmt::format("\"{}\" lies outside the scene's folder, which --sandbox forbids", file.string()));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// The files that one scene is made of: where they may lie, how much memory they may take, and what their contents hash to.
+// The files that one scene is made of: where they may lie, how much memory they may take, and what their contents hash
+// to.
 #include <cstdint>
 #include <filesystem>
 #include <map>

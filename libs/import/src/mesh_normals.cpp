@@ -14,7 +14,8 @@ namespace {
 /// Angle between unit vectors, accurate for small ones.
 float angle_between(const Vec3f& a, const Vec3f& b) {
   const float d = dot(a, b);
-  return d < 0 ? kPi - 2 * std::asin(std::min(1.0f, length(a + b) / 2)) : 2 * std::asin(std::min(1.0f, length(b - a) / 2));
+  return d < 0 ? kPi - 2 * std::asin(std::min(1.0f, length(a + b) / 2))
+               : 2 * std::asin(std::min(1.0f, length(b - a) / 2));
 }
 
 struct Face {
@@ -38,7 +39,8 @@ Face face_of(const Mesh& mesh, std::size_t t) {
 void fill_normals(Mesh& mesh) {
   const bool all = mesh.normals.empty();
   mesh.normals.resize(mesh.positions.size());
-  if (!all && std::none_of(mesh.normals.begin(), mesh.normals.end(), [](const Vec3f& n) { return n == Vec3f{}; })) return;
+  if (!all && std::none_of(mesh.normals.begin(), mesh.normals.end(), [](const Vec3f& n) { return n == Vec3f{}; }))
+    return;
   std::vector<Vec3f> sums(mesh.positions.size());
   for (std::size_t t = 0; t < mesh.triangle_count(); ++t) {
     const Face f = face_of(mesh, t);
@@ -55,7 +57,9 @@ void crease_normals(Mesh& mesh, float max_angle) {
   const float min_cosine = std::cos(max_angle);
   const std::size_t corners = mesh.indices.size();
   std::vector<Face> faces(mesh.triangle_count());
-  parallel_for(0, std::int64_t(faces.size()), [&](std::int64_t t) { faces[std::size_t(t)] = face_of(mesh, std::size_t(t)); }, 1024);
+  parallel_for(
+      0, std::int64_t(faces.size()), [&](std::int64_t t) { faces[std::size_t(t)] = face_of(mesh, std::size_t(t)); },
+      1024);
 
   // Corners sorted by position: those at one point stand together.
   std::vector<std::uint32_t> order(corners);
@@ -107,12 +111,15 @@ void crease_normals(Mesh& mesh, float max_angle) {
 
 void align_winding(Mesh& mesh) {
   if (mesh.normals.empty()) return;
-  parallel_for(0, std::int64_t(mesh.triangle_count()), [&](std::int64_t t) {
-    std::uint32_t* const i = &mesh.indices[3 * std::size_t(t)];
-    const Vec3f& p = mesh.positions[i[0]];
-    const Vec3f n = cross(mesh.positions[i[1]] - p, mesh.positions[i[2]] - p);
-    if (dot(n, mesh.normals[i[0]] + mesh.normals[i[1]] + mesh.normals[i[2]]) < 0) std::swap(i[1], i[2]);
-  }, 4096);
+  parallel_for(
+      0, std::int64_t(mesh.triangle_count()),
+      [&](std::int64_t t) {
+        std::uint32_t* const i = &mesh.indices[3 * std::size_t(t)];
+        const Vec3f& p = mesh.positions[i[0]];
+        const Vec3f n = cross(mesh.positions[i[1]] - p, mesh.positions[i[2]] - p);
+        if (dot(n, mesh.normals[i[0]] + mesh.normals[i[1]] + mesh.normals[i[2]]) < 0) std::swap(i[1], i[2]);
+      },
+      4096);
 }
 
 }  // namespace tempera

@@ -17,7 +17,8 @@ namespace {
 
 constexpr std::size_t kMaxReportedErrors = 20;
 
-/// Rotation, translation and scale of an affine map with orthogonal columns; the axes are made orthogonal if they are not.
+/// Rotation, translation and scale of an affine map with orthogonal columns; the axes are made orthogonal if they are
+/// not.
 struct Parts {
   Vec3d translation, scale;
   Quatd rotation;
@@ -43,8 +44,10 @@ Parts decompose(const Affine3d& m) {
 Error combine(const std::vector<Error>& errors) {
   if (errors.size() == 1) return errors.front();
   std::string message = errors.front().message();
-  for (std::size_t i = 1; i < errors.size() && i < kMaxReportedErrors; ++i) message += std::string("\n") + errors[i].what();
-  if (errors.size() > kMaxReportedErrors) message += fmt::format("\nand {} more errors", errors.size() - kMaxReportedErrors);
+  for (std::size_t i = 1; i < errors.size() && i < kMaxReportedErrors; ++i)
+    message += std::string("\n") + errors[i].what();
+  if (errors.size() > kMaxReportedErrors)
+    message += fmt::format("\nand {} more errors", errors.size() - kMaxReportedErrors);
   return Error(errors.front().code(), errors.front().loc(), message);
 }
 
@@ -61,7 +64,8 @@ const Property* Builder::find(const Object& object, std::string_view name) const
 }
 
 bool Builder::has(const Object& object, std::string_view name) const {
-  return std::any_of(object.properties.begin(), object.properties.end(), [&](const Property& p) { return p.name == name; });
+  return std::any_of(object.properties.begin(), object.properties.end(),
+                     [&](const Property& p) { return p.name == name; });
 }
 
 const Place& Builder::place(const Object& object, std::string_view name) const {
@@ -71,8 +75,9 @@ const Place& Builder::place(const Object& object, std::string_view name) const {
 }
 
 void Builder::wrong_type(const Property& property, std::string_view expected) const {
-  static constexpr std::array kTypes{"a boolean", "an integer", "a number",    "a string", "a point or vector", "a color",
-                                     "a spectrum", "a blackbody", "a transform", "an object", "a reference"};
+  static constexpr std::array kTypes{"a boolean",         "an integer", "a number",   "a string",
+                                     "a point or vector", "a color",    "a spectrum", "a blackbody",
+                                     "a transform",       "an object",  "a reference"};
   fail(ErrorCode::kBadInput, property.place,
        fmt::format("\"{}\" is {}; expected {}", property.name, kTypes[property.value.index()], expected));
 }
@@ -81,11 +86,14 @@ double Builder::number(const Object& object, std::string_view name, double fallb
   const Property* p = find(object, name);
   if (!p) return fallback;
   double v;
-  if (const auto* d = std::get_if<double>(&p->value)) v = *d;
-  else if (const auto* i = std::get_if<std::int64_t>(&p->value)) v = double(*i);
-  else wrong_type(*p, "a number");
+  if (const auto* d = std::get_if<double>(&p->value))
+    v = *d;
+  else if (const auto* i = std::get_if<std::int64_t>(&p->value))
+    v = double(*i);
+  else
+    wrong_type(*p, "a number");
   if (v < min || v > max) {
-    const std::string range = max >= 1e300 ? fmt::format("at least {}", min)
+    const std::string range = max >= 1e300    ? fmt::format("at least {}", min)
                               : min <= -1e300 ? fmt::format("at most {}", max)
                                               : fmt::format("between {} and {}", min, max);
     fail(ErrorCode::kOutOfRange, p->place, fmt::format("\"{}\" is {}; it must be {}", name, v, range));
@@ -99,7 +107,8 @@ int Builder::integer(const Object& object, std::string_view name, int fallback, 
   const auto* i = std::get_if<std::int64_t>(&p->value);
   if (!i) wrong_type(*p, "an integer");
   if (*i < min || *i > max)
-    fail(ErrorCode::kOutOfRange, p->place, fmt::format("\"{}\" is {}; it must be between {} and {}", name, *i, min, max));
+    fail(ErrorCode::kOutOfRange, p->place,
+         fmt::format("\"{}\" is {}; it must be between {} and {}", name, *i, min, max));
   return int(*i);
 }
 
@@ -246,13 +255,18 @@ Scene Builder::build(const std::filesystem::path& source) {
     p.used = true;
     const Object& object = document_.resolve(p);
     try {
-      if (object.tag == "shape") add_shape(object);
-      else if (object.tag == "sensor") add_sensor(object);
-      else if (object.tag == "emitter") add_emitter(object);
-      else if (object.tag == "integrator") add_integrator(object);
+      if (object.tag == "shape")
+        add_shape(object);
+      else if (object.tag == "sensor")
+        add_sensor(object);
+      else if (object.tag == "emitter")
+        add_emitter(object);
+      else if (object.tag == "integrator")
+        add_integrator(object);
       else if (object.tag == "bsdf" || object.tag == "texture" || object.tag == "spectrum" || object.tag == "medium")
         ;  // built where it is referred to
-      else p.used = false;
+      else
+        p.used = false;
     } catch (const Error& e) {
       errors_.push_back(e);
     }

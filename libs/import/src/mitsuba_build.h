@@ -56,7 +56,7 @@ class Builder {
   std::filesystem::path file(const Object& object, std::string_view name) const;  // required
   /// Nested objects and references of one kind (tag), in the order of the file; marks them as used.
   std::vector<const Object*> children(const Object& object, std::string_view tag) const;
-  const Object* child(const Object& object, std::string_view tag) const;  // at most one, else nullptr
+  const Object* child(const Object& object, std::string_view tag) const;         // at most one, else nullptr
   const Object* named_child(const Object& object, std::string_view name) const;  // object-valued property or nullptr
   void ignore(const Object& object, std::initializer_list<std::string_view> names) const;
   /// Warns of each property that nothing asked for. Call when `object` is built.
@@ -129,9 +129,9 @@ class Builder {
   Scene scene_;
   std::map<const Object*, MaterialPtr> materials_;
   std::set<const Object*> in_construction_;  // cycles of references
-  std::map<std::string, int> names_;  // the last number given to a name
+  std::map<std::string, int> names_;         // the last number given to a name
   std::set<std::string> taken_names_;
-  std::map<const Object*, int> groups_;      // shape groups -> Scene::groups index
+  std::map<const Object*, int> groups_;  // shape groups -> Scene::groups index
   std::vector<MeshJob> jobs_;
   std::map<std::filesystem::path, std::shared_ptr<const FileContents>> contents_;
   std::vector<Error> errors_;

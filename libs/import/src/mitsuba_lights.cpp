@@ -32,7 +32,8 @@ AreaEmission Builder::area_emission(const Object& emitter) {
   emission.radiance = slot(emitter, "radiance", 1.0f, SpectrumKind::kEmission);
   ignore(emitter, {"sampling_weight"});
   if (has(emitter, "to_world"))
-    fail(ErrorCode::kBadInput, place(emitter, "to_world"), "an area emitter has the place of its shape; remove its to_world");
+    fail(ErrorCode::kBadInput, place(emitter, "to_world"),
+         "an area emitter has the place of its shape; remove its to_world");
   finish(emitter);
   return emission;
 }
@@ -74,7 +75,8 @@ void Builder::add_emitter(const Object& emitter) {
     light.intensity = constant(emitter, "irradiance", Rgb(1.0f), SpectrumKind::kEmission);
     if (exclusive("direction")) {
       const Vec3d direction = vector3(emitter, "direction", {0, 0, 1});
-      if (length(direction) == 0) fail(ErrorCode::kOutOfRange, place(emitter, "direction"), "the direction must not be zero");
+      if (length(direction) == 0)
+        fail(ErrorCode::kOutOfRange, place(emitter, "direction"), "the direction must not be zero");
       to_world.constant = facing({}, direction);
     }
   } else if (plugin == "projector") {
@@ -103,7 +105,8 @@ void Builder::add_emitter(const Object& emitter) {
 
 Vec2i Builder::image_size(const std::filesystem::path& path, const Place& at) const {
   const auto in = OIIO::ImageInput::open(path.string());
-  if (!in) fail(ErrorCode::kBadInput, at, fmt::format("cannot read the image \"{}\": {}", path.string(), OIIO::geterror()));
+  if (!in)
+    fail(ErrorCode::kBadInput, at, fmt::format("cannot read the image \"{}\": {}", path.string(), OIIO::geterror()));
   return {std::max(in->spec().width, 1), std::max(in->spec().height, 1)};
 }
 
@@ -118,12 +121,14 @@ void Builder::add_environment(const Object& emitter) {
     const Place& at = place(emitter, "filename");
     files_.note(path, document_.loc(at));
     const auto in = OIIO::ImageInput::open(path.string());
-    if (!in) fail(ErrorCode::kBadInput, at, fmt::format("cannot read the image \"{}\": {}", path.string(), OIIO::geterror()));
+    if (!in)
+      fail(ErrorCode::kBadInput, at, fmt::format("cannot read the image \"{}\": {}", path.string(), OIIO::geterror()));
     const OIIO::ImageSpec& spec = in->spec();
     const std::uint64_t pixels = std::uint64_t(std::max(spec.width, 0)) * std::uint64_t(std::max(spec.height, 0));
     if (pixels == 0 || pixels > (std::uint64_t(1) << 28) || spec.nchannels < 1 || spec.nchannels > 64)
       fail(ErrorCode::kBadInput, at,
-           fmt::format("an environment image of {} x {} pixels and {} channels cannot be used", spec.width, spec.height, spec.nchannels));
+           fmt::format("an environment image of {} x {} pixels and {} channels cannot be used", spec.width, spec.height,
+                       spec.nchannels));
     files_.charge(pixels * sizeof(Rgb), document_.loc(at));
     const int channels = std::min(spec.nchannels, 3);
     std::vector<float> data(pixels * std::size_t(channels));
@@ -173,21 +178,26 @@ void Builder::add_sun_sky(const Object& emitter) {
   params.albedo = constant(emitter, "albedo", Rgb(legacy ? 0.15f : 0.3f), SpectrumKind::kReflectance);
   params.sky_scale = number(emitter, "sky_scale", emitter.plugin == "sun" ? 0 : 1, 0);
   params.sun_scale = number(emitter, "sun_scale", emitter.plugin == "sky" ? 0 : 1, 0);
-  if (has(emitter, "scale")) (emitter.plugin == "sun" ? params.sun_scale : params.sky_scale) *= number(emitter, "scale", 1, 0);
-  params.sun_aperture = number(emitter, "sun_aperture", 0.5358, 1e-3, 179) * number(emitter, "sun_radius_scale", 1, 1e-3, 300);
+  if (has(emitter, "scale"))
+    (emitter.plugin == "sun" ? params.sun_scale : params.sky_scale) *= number(emitter, "scale", 1, 0);
+  params.sun_aperture =
+      number(emitter, "sun_aperture", 0.5358, 1e-3, 179) * number(emitter, "sun_radius_scale", 1, 1e-3, 300);
   ignore(emitter, {"complex_sun", "resolution"});
-  if (has(emitter, "stretch") && number(emitter, "stretch", 1) != 1) warn("\"stretch\" of a sky is ignored", place(emitter, "stretch"));
+  if (has(emitter, "stretch") && number(emitter, "stretch", 1) != 1)
+    warn("\"stretch\" of a sky is ignored", place(emitter, "stretch"));
   if (boolean(emitter, "extend", false)) warn("\"extend\" of a sky is ignored", place(emitter, "extend"));
 
   // The model's z is up, and so is that of Mitsuba 3's sky; in 0.6 it is y.
   Transform to_world = rotation_only(transform(emitter, "to_world"), place(emitter, "to_world"));
   if (to_world.keys.size() > 1) warn("the transform of a sky keeps its first key", place(emitter, "to_world"));
   const Affine3d world_from_model = to_world.constant * (legacy ? inverse(kSkyFromEnvironment) : Affine3d{});
-  static constexpr std::array<std::string_view, 9> kTimes{"latitude", "longitude", "timezone", "year", "month", "day", "hour", "minute", "second"};
+  static constexpr std::array<std::string_view, 9> kTimes{"latitude", "longitude", "timezone", "year",  "month",
+                                                          "day",      "hour",      "minute",   "second"};
   if (has(emitter, "sun_direction")) {
     for (std::string_view name : kTimes)
       if (has(emitter, name))
-        fail(ErrorCode::kBadInput, place(emitter, name), fmt::format("\"sun_direction\" and \"{}\" exclude each other", name));
+        fail(ErrorCode::kBadInput, place(emitter, name),
+             fmt::format("\"sun_direction\" and \"{}\" exclude each other", name));
     const Vec3d d = vector3(emitter, "sun_direction", {0, 0, 1});
     if (length(d) == 0) fail(ErrorCode::kOutOfRange, place(emitter, "sun_direction"), "the direction must not be zero");
     params.sun_direction = normalize(inverse(world_from_model).vector(d));

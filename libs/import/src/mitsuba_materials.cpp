@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mitsuba's BSDF plugins as our materials. Plugins that we lack become the closest material that we have, with a warning.
+// Mitsuba's BSDF plugins as our materials. Plugins that we lack become the closest material that we have, with a
+// warning.
 #include <fmt/format.h>
 
 #include <array>
@@ -21,7 +22,8 @@ float Builder::index_of_refraction(const Object& bsdf, std::string_view name, st
   const std::string material = text(bsdf, name, fallback);
   if (const std::optional<float> ior = named_ior(material)) return *ior;
   fail(ErrorCode::kUnknownName, place(bsdf, name),
-       fmt::format("\"{}\" is no material with a known index of refraction; known: {}", material, nearest_names(material, named_iors())));
+       fmt::format("\"{}\" is no material with a known index of refraction; known: {}", material,
+                   nearest_names(material, named_iors())));
 }
 
 Roughness Builder::roughness(const Object& bsdf) {
@@ -29,11 +31,14 @@ Roughness Builder::roughness(const Object& bsdf) {
   r.rough = true;
   const std::string distribution = choice(bsdf, "distribution", "beckmann", kDistributions);
   if (distribution == "phong" || distribution == "as")
-    warn(fmt::format("microfacet distribution \"{}\" is treated as beckmann", distribution), place(bsdf, "distribution"));
-  r.distribution = distribution == "ggx" || distribution == "trowbridge-reitz" ? Microfacets::kGgx : Microfacets::kBeckmann;
+    warn(fmt::format("microfacet distribution \"{}\" is treated as beckmann", distribution),
+         place(bsdf, "distribution"));
+  r.distribution =
+      distribution == "ggx" || distribution == "trowbridge-reitz" ? Microfacets::kGgx : Microfacets::kBeckmann;
   r.sample_visible = boolean(bsdf, "sample_visible", true);
   if (has(bsdf, "alpha_u") != has(bsdf, "alpha_v"))
-    fail(ErrorCode::kBadInput, bsdf.place, fmt::format("{} needs both \"alpha_u\" and \"alpha_v\", or \"alpha\" alone", bsdf.name()));
+    fail(ErrorCode::kBadInput, bsdf.place,
+         fmt::format("{} needs both \"alpha_u\" and \"alpha_v\", or \"alpha\" alone", bsdf.name()));
   const Slot alpha = slot(bsdf, "alpha", 0.1f, SpectrumKind::kScalar);
   r.alpha_u = slot(bsdf, "alpha_u", alpha, SpectrumKind::kScalar);
   r.alpha_v = slot(bsdf, "alpha_v", alpha, SpectrumKind::kScalar);
@@ -48,7 +53,8 @@ void Builder::conductor_indices(const Object& bsdf, Slot& eta, Slot& k) {
     const std::optional<ConductorIndices> indices = named_conductor(material);
     if (!indices)
       fail(ErrorCode::kUnknownName, place(bsdf, "material"),
-           fmt::format("\"{}\" is no known conductor; known: none, {}", material, nearest_names(material, named_conductors(), 40)));
+           fmt::format("\"{}\" is no known conductor; known: none, {}", material,
+                       nearest_names(material, named_conductors(), 40)));
     eta = indices->eta;
     k = indices->k;
   }
@@ -86,7 +92,9 @@ MaterialPtr Builder::material(const Object& bsdf) {
 
 MaterialPtr Builder::make_material(const Object& bsdf) {
   const std::string& plugin = bsdf.plugin;
-  const auto substitute = [&](std::string_view what) { warn(fmt::format("{} is replaced by {}", bsdf.name(), what), bsdf.place); };
+  const auto substitute = [&](std::string_view what) {
+    warn(fmt::format("{} is replaced by {}", bsdf.name(), what), bsdf.place);
+  };
 
   if (plugin == "diffuse" || plugin == "roughdiffuse") {
     if (plugin == "roughdiffuse") {
@@ -125,7 +133,9 @@ MaterialPtr Builder::make_material(const Object& bsdf) {
   }
   if (plugin == "principled" || plugin == "principledthin") {
     PrincipledParams params;
-    const auto scalar = [&](std::string_view name, float fallback) { return slot(bsdf, name, fallback, SpectrumKind::kScalar); };
+    const auto scalar = [&](std::string_view name, float fallback) {
+      return slot(bsdf, name, fallback, SpectrumKind::kScalar);
+    };
     params.base_color = slot(bsdf, "base_color", 0.5f);
     params.roughness = scalar("roughness", 0.5f);
     params.anisotropic = scalar("anisotropic", 0);
@@ -216,7 +226,8 @@ MaterialPtr Builder::make_material(const Object& bsdf) {
     PlasticParams params;
     params.int_ior = index_of_refraction(bsdf, "int_ior", "bk7");
     params.ext_ior = index_of_refraction(bsdf, "ext_ior", "air");
-    params.diffuse_reflectance = slot(*nested, has(*nested, "reflectance") ? "reflectance" : "diffuse_reflectance", 0.5f);
+    params.diffuse_reflectance =
+        slot(*nested, has(*nested, "reflectance") ? "reflectance" : "diffuse_reflectance", 0.5f);
     params.specular_reflectance = slot(bsdf, "specular_reflectance", 1.0f);
     params.nonlinear = true;
     if (plugin == "roughcoating") params.roughness = roughness(bsdf);
@@ -242,7 +253,8 @@ MaterialPtr Builder::make_material(const Object& bsdf) {
     const float weight = s / (d + s);
     const auto scaled = [](Slot slot, float factor) { return Slot(slot.factor.at(0) * factor, slot.texture); };
     if (s > 0) params.specular_reflectance = scaled(specular, 1 / weight);
-    return make_blend(weight, make_diffuse(d > 0 ? scaled(diffuse, 1 / (1 - weight)) : diffuse), make_conductor(params));
+    return make_blend(weight, make_diffuse(d > 0 ? scaled(diffuse, 1 / (1 - weight)) : diffuse),
+                      make_conductor(params));
   }
   if (plugin == "difftrans") {
     substitute("diffuse on both sides");

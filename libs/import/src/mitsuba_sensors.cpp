@@ -25,11 +25,13 @@ double Builder::horizontal_fov(const Object& object, double aspect, bool& vertic
   } else {  // of a 35 mm camera: the diagonal of a 36 x 24 mm picture
     std::string length = "50mm";
     if (const Property* p = find(object, "focal_length"))
-      length = std::holds_alternative<std::string>(p->value) ? std::get<std::string>(p->value) : fmt::format("{}mm", number(object, "focal_length", 50));
+      length = std::holds_alternative<std::string>(p->value) ? std::get<std::string>(p->value)
+                                                             : fmt::format("{}mm", number(object, "focal_length", 50));
     if (length.ends_with("mm")) length.resize(length.size() - 2);
     std::vector<double> mm;
     if (!parse_numbers(length, mm) || mm.size() != 1 || mm[0] <= 0)
-      fail(ErrorCode::kBadInput, place(object, "focal_length"), fmt::format("\"{}\" is no focal length; expected e.g. 50mm", length));
+      fail(ErrorCode::kBadInput, place(object, "focal_length"),
+           fmt::format("\"{}\" is no focal length; expected e.g. 50mm", length));
     angle = 2 * std::atan(std::sqrt(36.0 * 36 + 24 * 24) / (2 * mm[0]));
     axis = "diagonal";
   }
@@ -58,13 +60,15 @@ void Builder::add_sensor(const Object& sensor) {
   camera.near_clip = float(number(sensor, "near_clip", 1e-2, 1e-30));
   camera.far_clip = float(number(sensor, "far_clip", 1e4, 1e-30));
   if (camera.near_clip >= camera.far_clip)
-    fail(ErrorCode::kOutOfRange, place(sensor, has(sensor, "near_clip") ? "near_clip" : "far_clip"), "near_clip must be smaller than far_clip");
+    fail(ErrorCode::kOutOfRange, place(sensor, has(sensor, "near_clip") ? "near_clip" : "far_clip"),
+         "near_clip must be smaller than far_clip");
 
   // A camera's frame is rigid, apart from mirror images; the scale of an orthographic one is the size of its picture.
   Transform to_world = transform(sensor, "to_world");
   const auto rigid = [&](Affine3d& m) {
     const Vec3d s{length(m.x), length(m.y), length(m.z)};
-    if (m.determinant() == 0) fail(ErrorCode::kOutOfRange, place(sensor, "to_world"), "the transform of a sensor must be invertible");
+    if (m.determinant() == 0)
+      fail(ErrorCode::kOutOfRange, place(sensor, "to_world"), "the transform of a sensor must be invertible");
     if (perspective && std::max({std::abs(s.x - s.y), std::abs(s.y - s.z), std::abs(s.z - s.x)}) > 1e-3 * s.x)
       warn("the scale in a perspective sensor's transform is dropped", place(sensor, "to_world"));
     m.x = m.x / s.x, m.y = m.y / s.y, m.z = m.z / s.z;
@@ -83,24 +87,29 @@ void Builder::add_sensor(const Object& sensor) {
     camera.projection = Projection::kPerspective;
     camera.fov_x = float(horizontal_fov(sensor, double(width) / height, camera.keep_vertical_fov));
     // Mitsuba moves the camera's axis in the picture, we the picture against the axis.
-    camera.principal_offset = {-float(number(sensor, "principal_point_offset_x", 0)), -float(number(sensor, "principal_point_offset_y", 0))};
+    camera.principal_offset = {-float(number(sensor, "principal_point_offset_x", 0)),
+                               -float(number(sensor, "principal_point_offset_y", 0))};
   } else {
     camera.projection = Projection::kOrthographic;
     if (std::abs(size.x - size.y) > 1e-4 * size.x)
       warn("an orthographic sensor whose scale differs in x and y keeps that of x", place(sensor, "to_world"));
-    camera.width = times.size() > 1 ? Animated<float>(times, widths, Interpolation::kLinear) : Animated<float>(float(2 * size.x));
+    camera.width =
+        times.size() > 1 ? Animated<float>(times, widths, Interpolation::kLinear) : Animated<float>(float(2 * size.x));
   }
   camera.focus_distance = float(number(sensor, "focus_distance", camera.far_clip, 1e-30));
   if (plugin == "thinlens") {
-    if (!has(sensor, "aperture_radius")) fail(ErrorCode::kBadInput, sensor.place, "thinlens needs an \"aperture_radius\"");
+    if (!has(sensor, "aperture_radius"))
+      fail(ErrorCode::kBadInput, sensor.place, "thinlens needs an \"aperture_radius\"");
     camera.aperture_radius = float(number(sensor, "aperture_radius", 0, 0));
   }
   camera.node = add_node(to_world, place(sensor, "to_world"), camera.name);
 
   const double open = number(sensor, "shutter_open", 0), close = number(sensor, "shutter_close", open);
-  if (close < open) fail(ErrorCode::kOutOfRange, place(sensor, "shutter_close"), "shutter_close must not come before shutter_open");
+  if (close < open)
+    fail(ErrorCode::kOutOfRange, place(sensor, "shutter_close"), "shutter_close must not come before shutter_open");
   const bool first = scene_.cameras.empty();  // the others' films and samplers count only when they are asked for
-  if (first && (has(sensor, "shutter_open") || has(sensor, "shutter_close"))) scene_.defaults.exposure = TimeSpan{open, close};
+  if (first && (has(sensor, "shutter_open") || has(sensor, "shutter_close")))
+    scene_.defaults.exposure = TimeSpan{open, close};
   if (film) film_defaults(*film, width, height, first);
   if (const Object* sampler = child(sensor, "sampler")) {
     const int count = integer(*sampler, "sample_count", 4, 1, 1 << 30);
@@ -148,8 +157,9 @@ void Builder::film_defaults(const Object& film, int width, int height, bool firs
     finish(*filter);
   }
   // Formats of files are the render command's business.
-  ignore(film, {"pixel_format", "component_format", "file_format", "banner", "compensate", "high_quality_edges", "sample_border",
-                "attach_log", "gamma", "tonemap_method", "exposure", "key", "burn", "digits", "variable", "label", "channel_names"});
+  ignore(film, {"pixel_format", "component_format", "file_format", "banner", "compensate", "high_quality_edges",
+                "sample_border", "attach_log", "gamma", "tonemap_method", "exposure", "key", "burn", "digits",
+                "variable", "label", "channel_names"});
   finish(film);
 }
 
@@ -159,7 +169,8 @@ void Builder::add_integrator(const Object& integrator) {
   defaults.integrator = "path";
   // What others write beside the picture are layers, which the render command asks for.
   ignore(integrator, {"block_size", "samples_per_pass", "timeout", "strict_normals", "aovs"});
-  if (plugin == "moment" || plugin == "aov" || plugin == "adaptive" || plugin == "multichannel" || plugin == "irrcache") {
+  if (plugin == "moment" || plugin == "aov" || plugin == "adaptive" || plugin == "multichannel" ||
+      plugin == "irrcache") {
     for (const Object* nested : children(integrator, "integrator")) add_integrator(*nested);
     if (plugin != "moment" && plugin != "aov" && plugin != "multichannel")
       warn(fmt::format("{} is replaced by what it contains", integrator.name()), integrator.place);

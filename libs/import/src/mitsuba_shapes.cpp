@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mitsuba's shapes. Static ones are baked into world space; animated ones keep their space and get a node. Mesh files are
-// read last, many at a time.
+// Mitsuba's shapes. Static ones are baked into world space; animated ones keep their space and get a node. Mesh files
+// are read last, many at a time.
 #include <fmt/format.h>
 
 #include <array>
@@ -14,10 +14,12 @@ namespace tempera::mitsuba {
 namespace {
 
 std::uint64_t bytes_of(const Mesh& m) {
-  return 12 * (m.positions.size() + m.normals.size() + m.colors.size()) + 8 * m.uvs.size() + 4 * (m.indices.size() + m.color_alphas.size());
+  return 12 * (m.positions.size() + m.normals.size() + m.colors.size()) + 8 * m.uvs.size() +
+         4 * (m.indices.size() + m.color_alphas.size());
 }
 
-/// Mitsuba's cube: as make_cube, but each face's texture coordinates run as they do there. s and t are where u and v grow.
+/// Mitsuba's cube: as make_cube, but each face's texture coordinates run as they do there. s and t are where u and v
+/// grow.
 Mesh textured_cube() {
   struct Side {
     Vec3f n, s, t;
@@ -42,7 +44,8 @@ Mesh textured_cube() {
   return m;
 }
 
-/// What happens to a mesh from a file, in Mitsuba's order: place it, then make up missing normals from the placed vertices.
+/// What happens to a mesh from a file, in Mitsuba's order: place it, then make up missing normals from the placed
+/// vertices.
 struct MeshOptions {
   Affine3d bake;
   bool flip_v = false;
@@ -61,8 +64,10 @@ void finish_mesh(Mesh& mesh, const MeshOptions& options) {
     for (Vec3f& p : mesh.positions) p = Vec3f(options.bake.point(Vec3d(p)));
     for (Vec3f& n : mesh.normals) n = Vec3f(normalize(inv.transposed_vector(Vec3d(n))));
   }
-  if (options.max_smooth_angle >= 0) crease_normals(mesh, float(options.max_smooth_angle * kPiD / 180));
-  else if (!options.face_normals) fill_normals(mesh);
+  if (options.max_smooth_angle >= 0)
+    crease_normals(mesh, float(options.max_smooth_angle * kPiD / 180));
+  else if (!options.face_normals)
+    fill_normals(mesh);
   // Mitsuba takes the side of the shading normal for the front, whatever the winding says.
   if (own_normals) align_winding(mesh);
   mesh.flip_normals = options.flip_normals;
@@ -84,7 +89,8 @@ std::shared_ptr<const FileContents> Builder::shared_contents(const std::filesyst
 
 void Builder::warn_about_media(const Object& shape) {
   for (const Object* medium : children(shape, "medium"))
-    warn(fmt::format("{} inside a shape is ignored: participating media are not rendered", medium->name()), medium->place);
+    warn(fmt::format("{} inside a shape is ignored: participating media are not rendered", medium->name()),
+         medium->place);
 }
 
 int Builder::make_shape(const Object& object, const Affine3d& bake) {
@@ -97,8 +103,10 @@ int Builder::make_shape(const Object& object, const Affine3d& bake) {
   shape.material_name = bsdf.name;
   shape.name = object.id;
   if (emitter) {
-    if (emitter->plugin == "area") shape.emission = area_emission(*emitter);
-    else warn(fmt::format("{} on a shape is ignored", emitter->name()), emitter->place);
+    if (emitter->plugin == "area")
+      shape.emission = area_emission(*emitter);
+    else
+      warn(fmt::format("{} on a shape is ignored", emitter->name()), emitter->place);
   }
   warn_about_media(object);
   ignore(object, {"silhouette_sampling_weight"});
@@ -191,7 +199,8 @@ void Builder::add_shape_group(const Object& object) {
     if (nested->plugin == "instance" || nested->plugin == "shapegroup")
       fail(ErrorCode::kBadInput, nested->place, fmt::format("a shapegroup cannot hold {}", nested->name()));
     const Transform to_world = transform(*nested, "to_world");
-    if (!to_world.keys.empty()) warn("an animated transform inside a shapegroup keeps its first key", place(*nested, "to_world"));
+    if (!to_world.keys.empty())
+      warn("an animated transform inside a shapegroup keeps its first key", place(*nested, "to_world"));
     const int shape = make_shape(*nested, to_world.constant);
     if (shape >= 0) group.push_back(shape);
   }
@@ -210,7 +219,8 @@ void Builder::add_instance(const Object& object) {
   instance.name = unique_name(!object.id.empty() ? object.id : !group->id.empty() ? group->id : "instance");
   const Transform to_world = transform(object, "to_world");
   for (const auto& m : to_world.keys.empty() ? std::vector{to_world.constant} : std::vector{to_world.keys[0].second})
-    if (m.determinant() == 0) fail(ErrorCode::kOutOfRange, place(object, "to_world"), "the transform of an instance must be invertible");
+    if (m.determinant() == 0)
+      fail(ErrorCode::kOutOfRange, place(object, "to_world"), "the transform of an instance must be invertible");
   instance.node = add_node(to_world, place(object, "to_world"), instance.name);
   finish(object);
   if (instance.group >= 0) scene_.instances.push_back(std::move(instance));

@@ -28,7 +28,8 @@ Rgb Builder::color(const Property& property, SpectrumKind kind) const {
   if (const auto* v = std::get_if<Color>(&property.value)) return checked(rgb_of(v->rgb));
   if (const auto* v = std::get_if<Blackbody>(&property.value)) {
     if (v->temperature <= 0)
-      fail(ErrorCode::kOutOfRange, property.place, fmt::format("a temperature of {} K must be positive", v->temperature));
+      fail(ErrorCode::kOutOfRange, property.place,
+           fmt::format("a temperature of {} K must be positive", v->temperature));
     return blackbody_rgb(float(v->temperature)) * float(v->scale);
   }
   if (const auto* v = std::get_if<Spectrum>(&property.value)) {
@@ -53,7 +54,8 @@ Slot Builder::slot(const Object& object, std::string_view name, Slot fallback, S
   if (std::holds_alternative<ObjectPtr>(p->value) || std::holds_alternative<Reference>(p->value)) {
     const Object& nested = document_.resolve(*p);
     if (nested.tag != "texture" && nested.tag != "spectrum")
-      fail(ErrorCode::kBadInput, p->place, fmt::format("\"{}\" is a {}; expected a texture or spectrum", name, nested.tag));
+      fail(ErrorCode::kBadInput, p->place,
+           fmt::format("\"{}\" is a {}; expected a texture or spectrum", name, nested.tag));
     return texture_slot(nested, kind);
   }
   return color(*p, kind);
@@ -72,7 +74,8 @@ UvTransform Builder::uv_transform(const Object& texture) const {
   const Transform t = transform(texture, "to_uv");
   if (!t.keys.empty()) warn("an animated to_uv keeps its first key", place(texture, "to_uv"));
   const Affine3d& m = t.constant;
-  UvTransform uv{float(m.x.x), float(m.y.x), float(m.translation.x), float(m.x.y), float(m.y.y), float(m.translation.y)};
+  UvTransform uv{float(m.x.x), float(m.y.x), float(m.translation.x),
+                 float(m.x.y), float(m.y.y), float(m.translation.y)};
   // 0.6: uv -> scale * uv + offset
   const double u_scale = number(texture, "uscale", 1), v_scale = number(texture, "vscale", 1);
   const double u_offset = number(texture, "uoffset", 0), v_offset = number(texture, "voffset", 0);
@@ -89,17 +92,21 @@ std::shared_ptr<const Texture> Builder::bitmap(const Object& texture, SpectrumKi
 
   static constexpr std::array<std::string_view, 4> kFilters{"bilinear", "nearest", "trilinear", "ewa"};
   const std::string filter = choice(texture, "filter_type", "bilinear", kFilters);
-  params.filter = filter == "nearest" ? TextureFilter::kNearest : filter == "bilinear" ? TextureFilter::kBilinear : TextureFilter::kMipmap;
+  params.filter = filter == "nearest"    ? TextureFilter::kNearest
+                  : filter == "bilinear" ? TextureFilter::kBilinear
+                                         : TextureFilter::kMipmap;
   ignore(texture, {"max_anisotropy", "cache", "format", "accel"});  // how, not what
 
   static constexpr std::array<std::string_view, 7> kWraps{"repeat", "mirror", "clamp", "zero", "black", "one", "white"};
   const std::string both = choice(texture, "wrap_mode", "repeat", kWraps);
   const auto wrap = [&](std::string_view name) {
     const std::string mode = choice(texture, name, both, kWraps);
-    if (mode == "one" || mode == "white") warn("texture wrap mode \"" + mode + "\" is treated as clamp", place(texture, name));
-    return mode == "repeat"   ? Wrap::kRepeat
-           : mode == "mirror" ? Wrap::kMirror
-           : mode == "zero" || mode == "black" ? Wrap::kBlack : Wrap::kClamp;
+    if (mode == "one" || mode == "white")
+      warn("texture wrap mode \"" + mode + "\" is treated as clamp", place(texture, name));
+    return mode == "repeat"                    ? Wrap::kRepeat
+           : mode == "mirror"                  ? Wrap::kMirror
+           : mode == "zero" || mode == "black" ? Wrap::kBlack
+                                               : Wrap::kClamp;
   };
   params.wrap_u = wrap("wrap_mode_u");
   params.wrap_v = wrap("wrap_mode_v");
@@ -107,7 +114,8 @@ std::shared_ptr<const Texture> Builder::bitmap(const Object& texture, SpectrumKi
   params.encoding = boolean(texture, "raw", false) ? ColorEncoding::kLinear : ColorEncoding::kAuto;
   if (has(texture, "gamma")) {  // 0.6: -1 means "as the file says"
     const double gamma = number(texture, "gamma", -1);
-    if (gamma == 1) params.encoding = ColorEncoding::kLinear;
+    if (gamma == 1)
+      params.encoding = ColorEncoding::kLinear;
     else if (gamma > 0) {
       params.encoding = ColorEncoding::kSrgb;
       if (std::abs(gamma - 2.2) > 0.01)
@@ -139,7 +147,8 @@ Slot Builder::make_texture_slot(const Object& texture, SpectrumKind kind) {
   if (plugin == "bitmap") return bitmap(texture, kind);
   if (plugin == "checkerboard") {
     ignore(texture, {"line_width"});
-    return make_checkerboard(slot(texture, "color0", 0.4f, kind), slot(texture, "color1", 0.2f, kind), uv_transform(texture));
+    return make_checkerboard(slot(texture, "color0", 0.4f, kind), slot(texture, "color1", 0.2f, kind),
+                             uv_transform(texture));
   }
   if (plugin == "scale") {  // 0.6: a nested texture times a number or color
     Slot scale = slot(texture, "scale", 1.0f, SpectrumKind::kUnbounded);
@@ -148,14 +157,16 @@ Slot Builder::make_texture_slot(const Object& texture, SpectrumKind kind) {
       return Slot(scale.factor.at(0) * inner.factor.at(0), inner.texture);
     }
     for (const Property& p : texture.properties)  // or a constant under any name
-      if (!p.used && !p.name.empty() && p.name != "scale") return scale.factor.at(0) * slot(texture, p.name, 1.0f, kind).factor.at(0);
+      if (!p.used && !p.name.empty() && p.name != "scale")
+        return scale.factor.at(0) * slot(texture, p.name, 1.0f, kind).factor.at(0);
     fail(ErrorCode::kBadInput, texture.place, "the scale texture has nothing to scale; nest a texture in it");
   }
   if (plugin == "mesh_attribute" || plugin == "vertexcolors") {
     const std::string name = text(texture, "name", "vertex_color");
     const float scale = float(number(texture, "scale", 1));
     if (name == "vertex_color" || name == "face_color") return make_vertex_color(scale);
-    warn(fmt::format("mesh attribute \"{}\" is replaced by white; only vertex_color and face_color are read", name), texture.place);
+    warn(fmt::format("mesh attribute \"{}\" is replaced by white; only vertex_color and face_color are read", name),
+         texture.place);
     return Rgb(scale);
   }
   // Spectra as objects.
@@ -184,7 +195,8 @@ Slot Builder::make_texture_slot(const Object& texture, SpectrumKind kind) {
   }
   if (plugin == "blackbody") {
     ignore(texture, {"wavelength_min", "wavelength_max"});
-    if (!has(texture, "temperature")) fail(ErrorCode::kBadInput, texture.place, "a blackbody needs a \"temperature\" in kelvin");
+    if (!has(texture, "temperature"))
+      fail(ErrorCode::kBadInput, texture.place, "a blackbody needs a \"temperature\" in kelvin");
     return blackbody_rgb(float(number(texture, "temperature", 0, 1, 1e6))) * float(number(texture, "scale", 1));
   }
   if (plugin == "regular" || plugin == "irregular") {
@@ -194,10 +206,12 @@ Slot Builder::make_texture_slot(const Object& texture, SpectrumKind kind) {
     if (!parse_numbers(text(texture, "values", ""), s.values) || s.values.size() < 2)
       fail(ErrorCode::kBadInput, place(texture, "values"), "\"values\" needs at least two numbers");
     if (plugin == "regular") {
-      const double lo = number(texture, "wavelength_min", 360, 1), hi = number(texture, "wavelength_max", 830, lo + 1e-3);
+      const double lo = number(texture, "wavelength_min", 360, 1),
+                   hi = number(texture, "wavelength_max", 830, lo + 1e-3);
       for (std::size_t i = 0; i < s.values.size(); ++i)
         s.wavelengths.push_back(lo + (hi - lo) * double(i) / double(s.values.size() - 1));
-    } else if (!parse_numbers(text(texture, "wavelengths", ""), s.wavelengths) || s.wavelengths.size() != s.values.size()) {
+    } else if (!parse_numbers(text(texture, "wavelengths", ""), s.wavelengths) ||
+               s.wavelengths.size() != s.values.size()) {
       fail(ErrorCode::kBadInput, place(texture, "wavelengths"),
            fmt::format("\"wavelengths\" needs as many numbers as \"values\", which has {}", s.values.size()));
     }

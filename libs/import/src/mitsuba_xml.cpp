@@ -14,19 +14,19 @@
 namespace tempera::mitsuba {
 
 // Bounds on what a hostile file can ask for. Real scenes stay far below them.
-constexpr int kMaxDepth = 64;              // nested elements
+constexpr int kMaxDepth = 64;  // nested elements
 constexpr int kMaxIncludeDepth = 32;
-constexpr int kMaxIncludes = 10000;        // files that include each other twice grow exponentially
+constexpr int kMaxIncludes = 10000;             // files that include each other twice grow exponentially
 constexpr std::size_t kMaxAttribute = 1 << 24;  // bytes after substitution; likewise for parameters in parameters
 
 namespace {
 
-constexpr std::array<std::string_view, 14> kObjectTags{"scene",  "integrator", "sensor",  "film",   "sampler",
-                                                       "rfilter", "bsdf",      "emitter", "shape",  "texture",
-                                                       "medium", "phase",      "volume",  "subsurface"};
-constexpr std::array<std::string_view, 17> kOtherTags{"boolean", "integer",  "float",     "string",   "point",  "vector",
-                                                      "rgb",     "srgb",     "spectrum",  "blackbody", "transform",
-                                                      "animation", "ref",    "alias",     "include",  "default", "path"};
+constexpr std::array<std::string_view, 14> kObjectTags{"scene",   "integrator", "sensor",  "film",      "sampler",
+                                                       "rfilter", "bsdf",       "emitter", "shape",     "texture",
+                                                       "medium",  "phase",      "volume",  "subsurface"};
+constexpr std::array<std::string_view, 17> kOtherTags{
+    "boolean",   "integer",   "float",     "string", "point", "vector",  "rgb",     "srgb", "spectrum",
+    "blackbody", "transform", "animation", "ref",    "alias", "include", "default", "path"};
 constexpr std::array<std::string_view, 6> kTransformTags{"translate", "rotate", "scale", "lookat", "lookAt", "matrix"};
 
 template <class Range>
@@ -109,8 +109,9 @@ class Parser {
   void finish() {
     for (const auto& [name, parameter] : parameters_)
       if (parameter.is_define && !parameter.used)
-        warnings_.add(fmt::format("the parameter \"{}\" that was defined on the command line is not used by the scene", name),
-                      {"<command line>"});
+        warnings_.add(
+            fmt::format("the parameter \"{}\" that was defined on the command line is not used by the scene", name),
+            {"<command line>"});
     for (const auto& [id, place] : document_.referenced_)
       if (!document_.ids_.contains(id)) fail_unknown_id(id, place);
   }
@@ -161,8 +162,8 @@ class Parser {
   std::map<std::string, Parameter, std::less<>> parameters_;
   std::vector<std::filesystem::path> include_stack_;
   int include_count_ = 0;
-  int file_ = 0;                     // the file that is being parsed
-  const char* buffer_ = nullptr;     // its text, for the places of attributes
+  int file_ = 0;                  // the file that is being parsed
+  const char* buffer_ = nullptr;  // its text, for the places of attributes
   std::size_t buffer_size_ = 0;
 };
 
@@ -194,7 +195,8 @@ std::shared_ptr<Object> Parser::parse_file(const std::filesystem::path& path, co
   double major = 0;
   const std::string_view version = root.attribute("version").value();
   if (!parse_number(version.substr(0, version.find('.')), major))
-    fail(ErrorCode::kBadInput, place(root), fmt::format("cannot read the version \"{}\"; expected e.g. 3.0.0", version));
+    fail(ErrorCode::kBadInput, place(root),
+         fmt::format("cannot read the version \"{}\"; expected e.g. 3.0.0", version));
   document_.files_.back().legacy = major < 2;
 
   auto holder = std::make_shared<Object>();
@@ -349,7 +351,8 @@ Spectrum Parser::spectrum_file(const std::string& name, const Place& place) {
     s.values.push_back(pair[1]);
   }
   if (s.values.size() < 2)
-    throw Error(ErrorCode::kBadInput, {path.string()}, "a spectrum file needs at least two lines of wavelength and value");
+    throw Error(ErrorCode::kBadInput, {path.string()},
+                "a spectrum file needs at least two lines of wavelength and value");
   return s;
 }
 
@@ -385,7 +388,8 @@ void Parser::transform_step(const pugi::xml_node& node, Affine3d& map) {
     if (!parse_numbers(value.first, m))
       fail(ErrorCode::kBadInput, value.second, "a matrix must consist of finite numbers");
     if (m.size() != 16 && m.size() != 9)
-      fail(ErrorCode::kBadInput, value.second, fmt::format("a matrix has 9 or 16 values, row by row, not {}", m.size()));
+      fail(ErrorCode::kBadInput, value.second,
+           fmt::format("a matrix has 9 or 16 values, row by row, not {}", m.size()));
     const std::size_t n = m.size() == 16 ? 4 : 3;
     if (n == 4 && (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] == 0))
       fail(ErrorCode::kBadInput, value.second, "the last row of a matrix must be 0 0 0 1");
@@ -444,7 +448,7 @@ void Parser::include(const pugi::xml_node& node, Object& parent) {
 void Parser::parse_object(const pugi::xml_node& node, Object& parent, int depth) {
   const bool is_root = depth == 0;
   const bool is_scene = node.name() == std::string_view("scene");
-  const Attributes a = is_root ? attributes(node, {"version"}, {"type", "id", "name"})
+  const Attributes a = is_root    ? attributes(node, {"version"}, {"type", "id", "name"})
                        : is_scene ? attributes(node, {}, {"type", "id", "name"})
                                   : attributes(node, {"type"}, {"id", "name"});
   auto object = std::make_shared<Object>();
@@ -473,7 +477,8 @@ void Parser::parse_child(const pugi::xml_node& node, Object& parent, int depth) 
   const Place at = place(node);
   if (depth > kMaxDepth)
     fail(ErrorCode::kBadInput, at, fmt::format("elements are nested more than {} deep", kMaxDepth));
-  if (contains(kObjectTags, tag) || (tag == "spectrum" && node.attribute("type"))) return parse_object(node, parent, depth);
+  if (contains(kObjectTags, tag) || (tag == "spectrum" && node.attribute("type")))
+    return parse_object(node, parent, depth);
 
   if (tag == "transform") {
     const Attributes a = attributes(node, {"name"}, {});
@@ -485,7 +490,8 @@ void Parser::parse_child(const pugi::xml_node& node, Object& parent, int depth) 
     for (const pugi::xml_node& key : node.children()) {
       if (key.type() != pugi::node_element) continue;
       if (key.name() != std::string_view("transform"))
-        fail(ErrorCode::kUnknownName, place(key), fmt::format("<{}> in an <animation>; expected <transform time=\"…\">", key.name()));
+        fail(ErrorCode::kUnknownName, place(key),
+             fmt::format("<{}> in an <animation>; expected <transform time=\"…\">", key.name()));
       const Attributes k = attributes(key, {"time"}, {});
       const double time = number(k.at("time"), "the time");
       if (!animated.keys.empty() && time <= animated.keys.back().first)
@@ -493,7 +499,8 @@ void Parser::parse_child(const pugi::xml_node& node, Object& parent, int depth) 
              fmt::format("times of an animation must increase, but {} follows {}", time, animated.keys.back().first));
       animated.keys.emplace_back(time, transform(key));
     }
-    if (animated.keys.empty()) fail(ErrorCode::kBadInput, at, "an <animation> needs at least one <transform time=\"…\">");
+    if (animated.keys.empty())
+      fail(ErrorCode::kBadInput, at, "an <animation> needs at least one <transform time=\"…\">");
     animated.constant = animated.keys.front().second;
     return add(parent, a.at("name").first, std::move(animated), at);
   }
@@ -503,7 +510,8 @@ void Parser::parse_child(const pugi::xml_node& node, Object& parent, int depth) 
 
   if (tag == "float") {
     const Attributes a = attributes(node, {"name", "value"}, {});
-    add(parent, a.at("name").first, number(a.at("value"), fmt::format("\"{}\"", a.at("name").first)), a.at("value").second);
+    add(parent, a.at("name").first, number(a.at("value"), fmt::format("\"{}\"", a.at("name").first)),
+        a.at("value").second);
   } else if (tag == "integer") {
     const Attributes a = attributes(node, {"name", "value"}, {});
     const auto& [text, where] = a.at("value");
@@ -563,7 +571,8 @@ void Parser::parse_child(const pugi::xml_node& node, Object& parent, int depth) 
     const Attributes a = attributes(node, {"name", "temperature"}, {"scale"});
     auto temperature = a.at("temperature");
     if (temperature.first.ends_with('K') || temperature.first.ends_with('k')) temperature.first.pop_back();
-    Blackbody body{number(temperature, "the temperature"), a.contains("scale") ? number(a.at("scale"), "the scale") : 1.0};
+    Blackbody body{number(temperature, "the temperature"),
+                   a.contains("scale") ? number(a.at("scale"), "the scale") : 1.0};
     add(parent, a.at("name").first, body, temperature.second);
   } else if (tag == "ref") {
     const Attributes a = attributes(node, {"id"}, {"name"});

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Mitsuba's XML as a tree of objects with typed properties, each with its place: names in snake_case whatever the dialect,
-// parameters substituted, files included, nothing yet built. What the properties mean is the builder's business.
+// Mitsuba's XML as a tree of objects with typed properties, each with its place: names in snake_case whatever the
+// dialect, parameters substituted, files included, nothing yet built. What the properties mean is the builder's
+// business.
 #include <cstdint>
 #include <filesystem>
 #include <map>

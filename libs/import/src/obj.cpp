@@ -62,7 +62,8 @@ const char* read_floats(const char* p, const char* end, float* values, int count
 
 class BlockParser {
  public:
-  BlockParser(Block& block, std::string_view whole, const std::string& file) : block_(block), whole_(whole), file_(file) {}
+  BlockParser(Block& block, std::string_view whole, const std::string& file)
+      : block_(block), whole_(whole), file_(file) {}
 
   void parse() {
     const char* p = block_.text.data();
@@ -86,22 +87,26 @@ class BlockParser {
   void parse_line(const char* begin, const char* end) {
     const char* p = skip_blanks(begin, end);
     const char* word_end = p;
-    while (word_end < end && *word_end > ' ') ++word_end;
+    while (word_end<end&& * word_end> ' ') ++word_end;
     const std::string_view word(p, std::size_t(word_end - p));
     float v[3];
     if (word == "v") {
-      if (!read_floats(word_end, end, v, 3)) return fail(p, fmt::format("cannot read three numbers in \"{}\"", excerpt(p, end)));
+      if (!read_floats(word_end, end, v, 3))
+        return fail(p, fmt::format("cannot read three numbers in \"{}\"", excerpt(p, end)));
       block_.positions.push_back({v[0], v[1], v[2]});
       if (!is_finite(block_.positions.back())) fail(p, "a position must be finite");
     } else if (word == "vn") {
-      if (!read_floats(word_end, end, v, 3)) return fail(p, fmt::format("cannot read three numbers in \"{}\"", excerpt(p, end)));
+      if (!read_floats(word_end, end, v, 3))
+        return fail(p, fmt::format("cannot read three numbers in \"{}\"", excerpt(p, end)));
       block_.normals.push_back({v[0], v[1], v[2]});
       if (!is_finite(block_.normals.back())) fail(p, "a normal must be finite");
     } else if (word == "vt") {
       const char* const next = read_floats(word_end, end, v, 1);
       if (!next) return fail(p, fmt::format("cannot read texture coordinates in \"{}\"", excerpt(p, end)));
-      if (skip_blanks(next, end) == end) v[1] = 0;  // the second one is optional
-      else if (!read_floats(next, end, v + 1, 1)) return fail(p, fmt::format("cannot read texture coordinates in \"{}\"", excerpt(p, end)));
+      if (skip_blanks(next, end) == end)
+        v[1] = 0;  // the second one is optional
+      else if (!read_floats(next, end, v + 1, 1))
+        return fail(p, fmt::format("cannot read texture coordinates in \"{}\"", excerpt(p, end)));
       block_.uvs.push_back({v[0], v[1]});
       if (!std::isfinite(v[0]) || !std::isfinite(v[1])) fail(p, "texture coordinates must be finite");
     } else if (word == "f") {
@@ -188,7 +193,8 @@ std::vector<T> join(std::vector<Block>& blocks, std::vector<T> Block::*part) {
 
 Mesh read_obj(std::string_view text, const std::string& file) {
   std::vector<Block> blocks = cut(text);
-  parallel_for(0, std::int64_t(blocks.size()), [&](std::int64_t i) { BlockParser(blocks[std::size_t(i)], text, file).parse(); });
+  parallel_for(0, std::int64_t(blocks.size()),
+               [&](std::int64_t i) { BlockParser(blocks[std::size_t(i)], text, file).parse(); });
   for (const Block& b : blocks)
     if (b.error) throw *b.error;
 
@@ -246,7 +252,8 @@ Mesh read_obj(std::string_view text, const std::string& file) {
         has_normals |= c.normal != 0;
         std::uint32_t* link = &first[std::size_t(c.position) - 1];
         int steps = 0;
-        while (*link != kNone && (vertices[*link].uv != c.uv || vertices[*link].normal != c.normal) && steps++ < kMaxChain)
+        while (*link != kNone && (vertices[*link].uv != c.uv || vertices[*link].normal != c.normal) &&
+               steps++ < kMaxChain)
           link = &vertices[*link].next;
         if (steps > kMaxChain) link = &crowded.try_emplace({c.position, c.uv, c.normal}, kNone).first->second;
         const bool is_new = *link == kNone;
@@ -269,7 +276,8 @@ Mesh read_obj(std::string_view text, const std::string& file) {
   }
   if (has_normals) {
     mesh.normals.reserve(vertices.size());
-    for (const Vertex& v : vertices) mesh.normals.push_back(v.normal ? normalize(normals[std::size_t(v.normal) - 1]) : Vec3f{});
+    for (const Vertex& v : vertices)
+      mesh.normals.push_back(v.normal ? normalize(normals[std::size_t(v.normal) - 1]) : Vec3f{});
   }
   return mesh;
 }

@@ -69,7 +69,8 @@ struct Element {
     return n;
   }
   bool has_list() const {
-    return std::any_of(properties.begin(), properties.end(), [](const PlyProperty& p) { return p.count_type.has_value(); });
+    return std::any_of(properties.begin(), properties.end(),
+                       [](const PlyProperty& p) { return p.count_type.has_value(); });
   }
 };
 
@@ -99,14 +100,22 @@ double load(const char* p, bool swap) {
 
 double load(Type type, const char* p, bool swap) {
   switch (type) {
-    case Type::kInt8: return load<std::int8_t>(p, swap);
-    case Type::kUint8: return load<std::uint8_t>(p, swap);
-    case Type::kInt16: return load<std::int16_t>(p, swap);
-    case Type::kUint16: return load<std::uint16_t>(p, swap);
-    case Type::kInt32: return load<std::int32_t>(p, swap);
-    case Type::kUint32: return load<std::uint32_t>(p, swap);
-    case Type::kFloat32: return load<float>(p, swap);
-    case Type::kFloat64: break;
+    case Type::kInt8:
+      return load<std::int8_t>(p, swap);
+    case Type::kUint8:
+      return load<std::uint8_t>(p, swap);
+    case Type::kInt16:
+      return load<std::int16_t>(p, swap);
+    case Type::kUint16:
+      return load<std::uint16_t>(p, swap);
+    case Type::kInt32:
+      return load<std::int32_t>(p, swap);
+    case Type::kUint32:
+      return load<std::uint32_t>(p, swap);
+    case Type::kFloat32:
+      return load<float>(p, swap);
+    case Type::kFloat64:
+      break;
   }
   return load<double>(p, swap);
 }
@@ -147,7 +156,8 @@ class Reader {
     if (!has_faces) fail(header_.lines, "the file has no element \"face\"");
     for (const std::uint32_t i : mesh_.indices)
       if (i >= mesh_.positions.size())
-        fail(0, fmt::format("a face refers to vertex {}, but the file has {} vertices (counted from 0)", i, mesh_.positions.size()));
+        fail(0, fmt::format("a face refers to vertex {}, but the file has {} vertices (counted from 0)", i,
+                            mesh_.positions.size()));
     return std::move(mesh_);
   }
 
@@ -197,7 +207,9 @@ void Reader::parse_header() {
   const auto type_of = [&](std::string_view name, int line) {
     for (const TypeName& t : kTypes)
       if (t.name == name) return t.type;
-    fail(line, fmt::format("\"{}\" is no PLY type; known: char uchar short ushort int uint float double, int8 … float64", name));
+    fail(line,
+         fmt::format("\"{}\" is no PLY type; known: char uchar short ushort int uint float double, int8 … float64",
+                     name));
   };
   bool has_format = false;
   for (;;) {
@@ -214,11 +226,16 @@ void Reader::parse_header() {
     if (w[0] == "end_header") break;
     if (w[0] == "format" && w.size() == 3) {
       has_format = true;
-      if (w[1] == "ascii") header_.format = Format::kAscii;
-      else if (w[1] == "binary_little_endian") header_.format = Format::kLittleEndian;
-      else if (w[1] == "binary_big_endian") header_.format = Format::kBigEndian;
-      else fail(line, fmt::format("unknown format \"{}\"; known: ascii, binary_little_endian, binary_big_endian", w[1]));
-      if (w[2] != "1.0") throw Error(ErrorCode::kUnsupported, {file_, line, 1}, fmt::format("PLY version {} is not 1.0", w[2]));
+      if (w[1] == "ascii")
+        header_.format = Format::kAscii;
+      else if (w[1] == "binary_little_endian")
+        header_.format = Format::kLittleEndian;
+      else if (w[1] == "binary_big_endian")
+        header_.format = Format::kBigEndian;
+      else
+        fail(line, fmt::format("unknown format \"{}\"; known: ascii, binary_little_endian, binary_big_endian", w[1]));
+      if (w[2] != "1.0")
+        throw Error(ErrorCode::kUnsupported, {file_, line, 1}, fmt::format("PLY version {} is not 1.0", w[2]));
     } else if (w[0] == "element" && w.size() == 3) {
       Element e;
       e.name = w[1];
@@ -240,7 +257,8 @@ void Reader::parse_header() {
       }
       e.properties.push_back(std::move(p));
     } else {
-      fail(line, fmt::format("cannot read the header line \"{}\"; expected format, element, property or end_header", w[0]));
+      fail(line,
+           fmt::format("cannot read the header line \"{}\"; expected format, element, property or end_header", w[0]));
     }
   }
   if (!has_format) fail(header_.lines, "the header has no \"format\" line");
@@ -261,7 +279,8 @@ double Reader::next_number() {
   if (at_ < bytes_.size() && bytes_[at_] == '+') ++at_;
   double value;
   const auto [end, failed] = std::from_chars(bytes_.data() + at_, bytes_.data() + bytes_.size(), value);
-  if (failed == std::errc::result_out_of_range) value = 0;
+  if (failed == std::errc::result_out_of_range)
+    value = 0;
   else if (failed != std::errc())
     fail(line_, at_ == bytes_.size() ? std::string("the file ends in the middle of its data")
                                      : fmt::format("cannot read the number \"{}\"", bytes_.substr(at_, 16)));
@@ -273,7 +292,8 @@ double Reader::next(Type type) {
   if (header_.format == Format::kAscii) return next_number();
   const std::size_t n = size_of(type);
   if (bytes_.size() - at_ < n) fail(0, "the file ends in the middle of its data");
-  const double value = load(type, bytes_.data() + at_, (header_.format == Format::kBigEndian) == (std::endian::native == std::endian::little));
+  const double value = load(type, bytes_.data() + at_,
+                            (header_.format == Format::kBigEndian) == (std::endian::native == std::endian::little));
   at_ += n;
   return value;
 }
@@ -315,10 +335,12 @@ std::vector<Column> Reader::color_columns(const Element& element, std::vector<fl
 
 void Reader::note_unused(const Element& element, const std::vector<Column>& columns, std::size_t except) {
   for (std::size_t i = 0; i < element.properties.size(); ++i) {
-    const bool used = i == except || std::any_of(columns.begin(), columns.end(), [&](const Column& c) { return c.property == i; });
+    const bool used =
+        i == except || std::any_of(columns.begin(), columns.end(), [&](const Column& c) { return c.property == i; });
     if (!used && element.count > 0)
-      warnings_.add(fmt::format("PLY property \"{}\" of element \"{}\" is ignored", element.properties[i].name, element.name),
-                    {file_, element.line, 1});
+      warnings_.add(
+          fmt::format("PLY property \"{}\" of element \"{}\" is ignored", element.properties[i].name, element.name),
+          {file_, element.line, 1});
   }
 }
 
@@ -326,12 +348,14 @@ void Reader::read_columns(const Element& element, const std::vector<Column>& col
   for (const Column& c : columns) c.target->resize(std::size_t(element.count) * std::size_t(c.components));
   if (header_.format != Format::kAscii && !element.has_list()) {
     const std::size_t stride = element.stride();
-    if ((bytes_.size() - at_) / std::max<std::size_t>(stride, 1) < element.count) fail(0, "the file ends in the middle of its data");
+    if ((bytes_.size() - at_) / std::max<std::size_t>(stride, 1) < element.count)
+      fail(0, "the file ends in the middle of its data");
     const bool swap = (header_.format == Format::kBigEndian) == (std::endian::native == std::endian::little);
     const char* const records = bytes_.data() + at_;
     constexpr std::int64_t kRecords = 1 << 14;  // a block stays in the cache for all its columns
     parallel_for(0, (std::int64_t(element.count) + kRecords - 1) / kRecords, [&](std::int64_t block) {
-      const std::size_t begin = std::size_t(block * kRecords), end = std::min(begin + kRecords, std::size_t(element.count));
+      const std::size_t begin = std::size_t(block * kRecords),
+                        end = std::min(begin + kRecords, std::size_t(element.count));
       for (const Column& c : columns) {
         const PlyProperty& p = element.properties[c.property];
         float* const out = c.target->data() + c.component;
@@ -368,7 +392,8 @@ std::vector<T> as(const std::vector<float>& numbers) {
 void Reader::read_vertices(const Element& element) {
   std::vector<float> positions, normals, uvs, rgb, alpha;
   std::vector<Column> columns;
-  const auto group = [&](std::vector<float>& target, std::initializer_list<std::initializer_list<std::string_view>> names) {
+  const auto group = [&](std::vector<float>& target,
+                         std::initializer_list<std::initializer_list<std::string_view>> names) {
     std::vector<Column> found;
     for (const auto& component : names) {
       std::optional<Column> c = column(element, component);
@@ -397,7 +422,8 @@ void Reader::read_vertices(const Element& element) {
   mesh_.color_alphas = std::move(alpha);
   for (std::size_t i = 0; i < mesh_.positions.size(); ++i)
     if (!is_finite(mesh_.positions[i]))
-      fail(header_.format == Format::kAscii ? first_line + int(i) : 0, fmt::format("vertex {} has a position that is not finite", i));
+      fail(header_.format == Format::kAscii ? first_line + int(i) : 0,
+           fmt::format("vertex {} has a position that is not finite", i));
   for (Vec3f& n : mesh_.normals) n = is_finite(n) ? normalize(n) : Vec3f{};
   for (Vec2f& uv : mesh_.uvs)
     if (!std::isfinite(uv.x) || !std::isfinite(uv.y)) uv = {};
@@ -408,7 +434,8 @@ void Reader::read_vertices(const Element& element) {
 void Reader::read_faces(const Element& element) {
   std::size_t list = element.properties.size();
   for (std::size_t i = 0; i < element.properties.size(); ++i)
-    if (element.properties[i].count_type && (element.properties[i].name == "vertex_indices" || element.properties[i].name == "vertex_index"))
+    if (element.properties[i].count_type &&
+        (element.properties[i].name == "vertex_indices" || element.properties[i].name == "vertex_index"))
       list = i;
   if (list == element.properties.size())
     fail(element.line, "the faces lack the list property vertex_indices (or vertex_index)");
@@ -429,15 +456,18 @@ void Reader::read_faces(const Element& element) {
     for (std::size_t k = 0; k < element.properties.size(); ++k) {
       const PlyProperty& p = element.properties[k];
       if (k != list) {
-        if (by_property[k]) values[k] = float(next(p.type)) * by_property[k]->scale;
-        else skip(p);
+        if (by_property[k])
+          values[k] = float(next(p.type)) * by_property[k]->scale;
+        else
+          skip(p);
         continue;
       }
       const double count = next(*p.count_type);
       for (double i = 0; i < count; ++i) {
         const double index = next(p.type);
         if (!(index >= 0 && index < 4294967295.0))
-          fail(data_line(), fmt::format("face {} refers to vertex {}, but the file has {} vertices (counted from 0)", f, index, mesh_.positions.size()));
+          fail(data_line(), fmt::format("face {} refers to vertex {}, but the file has {} vertices (counted from 0)", f,
+                                        index, mesh_.positions.size()));
         polygon.push_back(std::uint32_t(index));
       }
     }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mitsuba's serialized meshes: one deflate stream after another, each behind a magic number and a version, and a table of
-// their offsets at the end of the file. All numbers are little endian.
+// Mitsuba's serialized meshes: one deflate stream after another, each behind a magic number and a version, and a table
+// of their offsets at the end of the file. All numbers are little endian.
 #include <fmt/format.h>
 #include <zlib.h>
 
@@ -34,7 +34,8 @@ T load(std::string_view bytes, std::size_t at) {
 /// Unpacks a deflate stream piece by piece.
 class Inflater {
  public:
-  Inflater(std::string_view packed, const std::string& file, std::uint64_t max_bytes) : file_(file), budget_(max_bytes) {
+  Inflater(std::string_view packed, const std::string& file, std::uint64_t max_bytes)
+      : file_(file), budget_(max_bytes) {
     if (inflateInit(&stream_) != Z_OK) throw Error(ErrorCode::kFailed, {file}, "cannot start zlib");
     stream_.next_in = reinterpret_cast<Bytef*>(const_cast<char*>(packed.data()));
     rest_ = packed.size();
@@ -82,7 +83,8 @@ class Inflater {
       if (wide) {
         piece.resize(std::size_t(n));
         read(piece.data(), std::size_t(n) * sizeof(double));
-        std::transform(piece.begin(), piece.end(), result.begin() + std::ptrdiff_t(done), [](double v) { return float(v); });
+        std::transform(piece.begin(), piece.end(), result.begin() + std::ptrdiff_t(done),
+                       [](double v) { return float(v); });
       } else {
         read(result.data() + done, std::size_t(n) * sizeof(float));
       }
@@ -107,7 +109,8 @@ class Inflater {
   void spend(std::uint64_t bytes) {
     used_ += bytes;
     if (budget_ != 0 && used_ > budget_)
-      throw Error(ErrorCode::kOutOfMemory, {file_}, fmt::format("the mesh takes more than the limit of {} bytes", budget_));
+      throw Error(ErrorCode::kOutOfMemory, {file_},
+                  fmt::format("the mesh takes more than the limit of {} bytes", budget_));
   }
   const std::string& file_;
   std::uint64_t budget_, used_ = 0;
@@ -131,7 +134,8 @@ Mesh read_serialized(std::string_view bytes, const std::string& file, int shape_
       fail(ErrorCode::kBadInput, fmt::format("there is no serialized mesh at byte {}", at));
     const auto version = load<std::uint16_t>(bytes, std::size_t(at) + 2);
     if (version != 3 && version != 4)
-      fail(ErrorCode::kUnsupported, fmt::format("serialized meshes of version {} cannot be read; known: 3, 4", version));
+      fail(ErrorCode::kUnsupported,
+           fmt::format("serialized meshes of version {} cannot be read; known: 3, 4", version));
     return version;
   };
   const auto version = check_header(0);
@@ -140,9 +144,11 @@ Mesh read_serialized(std::string_view bytes, const std::string& file, int shape_
     const std::size_t entry = version == 4 ? 8 : 4;
     const std::uint32_t count = bytes.size() >= 8 ? load<std::uint32_t>(bytes, bytes.size() - 4) : 0;
     if ((bytes.size() - 4) / entry < count)
-      fail(ErrorCode::kBadInput, fmt::format("the table at the end claims {} meshes, more than the file can hold", count));
+      fail(ErrorCode::kBadInput,
+           fmt::format("the table at the end claims {} meshes, more than the file can hold", count));
     if (shape_index < 0 || std::uint32_t(shape_index) >= count)
-      fail(ErrorCode::kOutOfRange, fmt::format("there is no mesh {}; the file has meshes 0 to {}", shape_index, std::int64_t(count) - 1));
+      fail(ErrorCode::kOutOfRange,
+           fmt::format("there is no mesh {}; the file has meshes 0 to {}", shape_index, std::int64_t(count) - 1));
     const std::size_t at = bytes.size() - 4 - entry * (count - std::size_t(shape_index));
     offset = version == 4 ? load<std::uint64_t>(bytes, at) : load<std::uint32_t>(bytes, at);
     check_header(offset);
@@ -155,7 +161,8 @@ Mesh read_serialized(std::string_view bytes, const std::string& file, int shape_
     }
   const auto vertex_count = in.value<std::uint64_t>(), triangle_count = in.value<std::uint64_t>();
   if (vertex_count > 0xffffffffu || triangle_count > 0xffffffffu / 3)
-    fail(ErrorCode::kBadInput, fmt::format("mesh {} claims {} vertices and {} triangles", shape_index, vertex_count, triangle_count));
+    fail(ErrorCode::kBadInput,
+         fmt::format("mesh {} claims {} vertices and {} triangles", shape_index, vertex_count, triangle_count));
   const bool wide = flags & kDouble;
   Mesh mesh;
   mesh.positions = as<Vec3f>(in.floats(vertex_count * 3, wide));
@@ -166,9 +173,11 @@ Mesh read_serialized(std::string_view bytes, const std::string& file, int shape_
 
   for (const std::uint32_t i : mesh.indices)
     if (i >= vertex_count)
-      fail(ErrorCode::kBadInput, fmt::format("mesh {} refers to vertex {}, but has {} vertices", shape_index, i, vertex_count));
+      fail(ErrorCode::kBadInput,
+           fmt::format("mesh {} refers to vertex {}, but has {} vertices", shape_index, i, vertex_count));
   for (const Vec3f& p : mesh.positions)
-    if (!is_finite(p)) fail(ErrorCode::kBadInput, fmt::format("mesh {} has a position that is not finite", shape_index));
+    if (!is_finite(p))
+      fail(ErrorCode::kBadInput, fmt::format("mesh {} has a position that is not finite", shape_index));
   for (Vec3f& n : mesh.normals) n = is_finite(n) ? normalize(n) : Vec3f{};
   for (Vec2f& uv : mesh.uvs)
     if (!std::isfinite(uv.x) || !std::isfinite(uv.y)) uv = {};

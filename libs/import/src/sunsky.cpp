@@ -19,7 +19,8 @@ double elevation_of(const Vec3d& sun) { return std::clamp(std::asin(std::clamp(s
 /// Weights of the control points of a quintic Bézier curve.
 std::array<double, 6> bezier(double x) {
   const double y = 1 - x;
-  return {y * y * y * y * y, 5 * y * y * y * y * x, 10 * y * y * y * x * x, 10 * y * y * x * x * x, 5 * y * x * x * x * x, x * x * x * x * x};
+  return {y * y * y * y * y,      5 * y * y * y * y * x, 10 * y * y * y * x * x,
+          10 * y * y * x * x * x, 5 * y * x * x * x * x, x * x * x * x * x};
 }
 
 /// Lower table entry and weight of the upper one.
@@ -52,13 +53,15 @@ Sky::Sky(const SunSkyParams& params) : sun_(params.sun_direction) {
 
 Rgb Sky::radiance(const Vec3d& d) const {  // [Hosek 2012, Eq. 8]
   if (d.z < 0) return {};
-  const double cos_gamma = std::clamp(dot(d, sun_), -1.0, 1.0), gamma = std::acos(cos_gamma), cos_theta = std::min(d.z, 1.0);
+  const double cos_gamma = std::clamp(dot(d, sun_), -1.0, 1.0), gamma = std::acos(cos_gamma),
+               cos_theta = std::min(d.z, 1.0);
   Rgb result;
   for (int c = 0; c < 3; ++c) {
     const double* const k = coefficients_[c];
     const double chi = (1 + cos_gamma * cos_gamma) / std::pow(1 + k[8] * k[8] - 2 * k[8] * cos_gamma, 1.5);
     const double value = (1 + k[0] * std::exp(k[1] / (cos_theta + 0.01))) *
-                         (k[2] + k[3] * std::exp(k[4] * gamma) + k[5] * cos_gamma * cos_gamma + k[6] * chi + k[7] * std::sqrt(cos_theta));
+                         (k[2] + k[3] * std::exp(k[4] * gamma) + k[5] * cos_gamma * cos_gamma + k[6] * chi +
+                          k[7] * std::sqrt(cos_theta));
     result[c] = float(std::max(0.0, value * mean_[c]));
   }
   return result;
@@ -78,7 +81,9 @@ Rgb sun_irradiance(const SunSkyParams& params) {
       const int node = std::clamp(k - 1 + i, 0, 45);
       p[i] = sunsky::kSun[turbidity][node][c] * (1 - upper) + sunsky::kSun[turbidity + 1][node][c] * upper;
     }
-    const double value = p[1] + 0.5 * f * (p[2] - p[0] + f * (2 * p[0] - 5 * p[1] + 4 * p[2] - p[3] + f * (3 * (p[1] - p[2]) + p[3] - p[0])));
+    const double value =
+        p[1] +
+        0.5 * f * (p[2] - p[0] + f * (2 * p[0] - 5 * p[1] + 4 * p[2] - p[3] + f * (3 * (p[1] - p[2]) + p[3] - p[0])));
     result[c] = float(std::max(0.0, value * params.sun_scale));
   }
   return result;
@@ -95,9 +100,14 @@ std::vector<Rgb> sun_sky_image(const SunSkyParams& params, int width) {
     return Vec3d{s * std::sin(phi), s * std::cos(phi), std::cos(theta)};  // env (x, y, z) = model (x, z, -y)
   };
   if (params.sky_scale > 0) {
-    parallel_for(0, height / 2, [&](std::int64_t y) {
-      for (int x = 0; x < width; ++x) image[std::size_t(y) * std::size_t(width) + std::size_t(x)] = sky.radiance(direction(x + 0.5, double(y) + 0.5));
-    }, 16);
+    parallel_for(
+        0, height / 2,
+        [&](std::int64_t y) {
+          for (int x = 0; x < width; ++x)
+            image[std::size_t(y) * std::size_t(width) + std::size_t(x)] =
+                sky.radiance(direction(x + 0.5, double(y) + 0.5));
+        },
+        16);
   }
 
   const Rgb sun = sun_irradiance(params);
@@ -111,7 +121,8 @@ std::vector<Rgb> sun_sky_image(const SunSkyParams& params, int width) {
   std::vector<std::pair<std::size_t, double>> covered;  // pixel, share
   double solid_angle = 0;
   for (int y = first; y <= last; ++y) {
-    const double row = 2 * kPiD / width * (std::cos(kPiD * y / height) - std::cos(kPiD * (y + 1) / height));  // of a pixel
+    const double row =
+        2 * kPiD / width * (std::cos(kPiD * y / height) - std::cos(kPiD * (y + 1) / height));  // of a pixel
     for (int x = 0; x < width; ++x) {
       if (dot(direction(x + 0.5, y + 0.5), params.sun_direction) < std::cos(half + 2 * kPiD / width * 2)) continue;
       int hits = 0;
@@ -140,12 +151,13 @@ SunAngles sun_position(const SunTime& time) {
   // Days since noon of 1 January 2000, universal time.
   const double hours = time.hour - time.timezone + (time.minute + time.second / 60) / 60;
   const int a = (time.month - 14) / 12;
-  const int day = 1461 * (time.year + 4800 + a) / 4 + 367 * (time.month - 2 - 12 * a) / 12 - 3 * ((time.year + 4900 + a) / 100) / 4 + time.day - 32075;
+  const int day = 1461 * (time.year + 4800 + a) / 4 + 367 * (time.month - 2 - 12 * a) / 12 -
+                  3 * ((time.year + 4900 + a) / 100) / 4 + time.day - 32075;
   const double days = day - 0.5 + hours / 24 - 2451545;
   // Ecliptic coordinates.
   const double omega = 2.1429 - 0.0010394594 * days, anomaly = 6.2400600 + 0.0172019699 * days;
-  const double longitude = 4.8950630 + 0.017202791698 * days + 0.03341607 * std::sin(anomaly) + 0.00034894 * std::sin(2 * anomaly) -
-                           0.0001134 - 0.0000203 * std::sin(omega);
+  const double longitude = 4.8950630 + 0.017202791698 * days + 0.03341607 * std::sin(anomaly) +
+                           0.00034894 * std::sin(2 * anomaly) - 0.0001134 - 0.0000203 * std::sin(omega);
   const double obliquity = 0.4090928 - 6.2140e-9 * days + 0.0000396 * std::cos(omega);
   // Equatorial coordinates.
   const double right_ascension = std::atan2(std::cos(obliquity) * std::sin(longitude), std::cos(longitude));
@@ -153,8 +165,10 @@ SunAngles sun_position(const SunTime& time) {
   // Horizontal coordinates.
   const double sidereal = (6.6974243242 + 0.0657098283 * days + hours) * 15 + time.longitude;  // degrees
   const double hour_angle = sidereal * (kPiD / 180) - right_ascension, latitude = time.latitude * (kPiD / 180);
-  double zenith = std::acos(std::cos(latitude) * std::cos(hour_angle) * std::cos(declination) + std::sin(declination) * std::sin(latitude));
-  const double azimuth = std::atan2(-std::sin(hour_angle), std::tan(declination) * std::cos(latitude) - std::sin(latitude) * std::cos(hour_angle));
+  double zenith = std::acos(std::cos(latitude) * std::cos(hour_angle) * std::cos(declination) +
+                            std::sin(declination) * std::sin(latitude));
+  const double azimuth = std::atan2(
+      -std::sin(hour_angle), std::tan(declination) * std::cos(latitude) - std::sin(latitude) * std::cos(hour_angle));
   zenith += 6371.01 / 149597890 * std::sin(zenith);  // parallax
   return {zenith, azimuth};
 }

@@ -32,13 +32,13 @@ class Sky {
 /// Irradiance of the sun on a surface that faces it, in the units of `Sky`. [Hosek 2013]
 Rgb sun_irradiance(const SunSkyParams& params);
 
-/// Equirectangular image of sky and sun, [height][width] with height = width / 2, in the layout of Environment::image for
-/// an Environment whose local y is the model's z, x is x and z is -y. The sun is a uniform disc whose pixels add up to its
-/// irradiance exactly.
+/// Equirectangular image of sky and sun, [height][width] with height = width / 2, in the layout of Environment::image
+/// for an Environment whose local y is the model's z, x is x and z is -y. The sun is a uniform disc whose pixels add up
+/// to its irradiance exactly.
 std::vector<Rgb> sun_sky_image(const SunSkyParams& params, int width);
 
-/// A time and place on Earth. `hour` is local time in `timezone` (hours ahead of UTC); latitude and longitude in degrees,
-/// north and east positive.
+/// A time and place on Earth. `hour` is local time in `timezone` (hours ahead of UTC); latitude and longitude in
+/// degrees, north and east positive.
 struct SunTime {
   int year = 2010, month = 7, day = 10;
   double hour = 15, minute = 0, second = 0;

@@ -4,8 +4,8 @@
 
 namespace tempera::sunsky {
 
-/// Shape of the sky's radiance: [r g b][albedo 0, 1][turbidity 1 to 10][control point][coefficient A to I]. Control points
-/// of a quintic Bézier curve over the cube root of the sun's elevation, 0 at the horizon, 1 at the zenith.
+/// Shape of the sky's radiance: [r g b][albedo 0, 1][turbidity 1 to 10][control point][coefficient A to I]. Control
+/// points of a quintic Bézier curve over the cube root of the sun's elevation, 0 at the horizon, 1 at the zenith.
 extern const double kSkyShape[3][2][10][6][9];
 /// Its mean radiance, likewise.
 extern const double kSkyMean[3][2][10][6];

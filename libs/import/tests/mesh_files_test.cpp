@@ -63,7 +63,8 @@ TEST(Obj, PolygonsBecomeFansAndShortFacesVanish) {
 }
 
 TEST(Obj, NegativeIndicesCountBack) {
-  const Mesh m = read_obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf -3//-1 -2//-1 -1//-1\nv 5 5 5\nf -4 -3 -1\n", "a.obj");
+  const Mesh m =
+      read_obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf -3//-1 -2//-1 -1//-1\nv 5 5 5\nf -4 -3 -1\n", "a.obj");
   ASSERT_EQ(m.triangle_count(), 2u);
   EXPECT_EQ(m.positions[m.indices[5]], (Vec3f{5, 5, 5}));
   EXPECT_EQ(m.positions[m.indices[3]], (Vec3f{0, 0, 0}));
@@ -77,7 +78,8 @@ TEST(Obj, BlocksJoinWhateverTheThreads) {
   std::string text;
   constexpr int kTriangles = 120000;
   for (int i = 0; i < kTriangles; ++i)
-    text += fmt::format("v {0}.0000000 0.125 1\nv {0}.5 1 1e-3\nv {0}.25 {1} -2\nvt 0.5 0.25\nf -3/-1 -2/-1 -1/{2}\n", i, i % 7, i + 1);
+    text += fmt::format("v {0}.0000000 0.125 1\nv {0}.5 1 1e-3\nv {0}.25 {1} -2\nvt 0.5 0.25\nf -3/-1 -2/-1 -1/{2}\n",
+                        i, i % 7, i + 1);
   Mesh one, seven;
   with_threads(1, [&] { one = read_obj(text, "big.obj"); });
   with_threads(7, [&] { seven = read_obj(text, "big.obj"); });
@@ -137,7 +139,8 @@ constexpr const char* kPlyProperties =
     "end_header\n";
 
 std::string binary_ply(bool big_endian) {
-  std::string b = fmt::format("ply\nformat binary_{}_endian 1.0\ncomment test\n{}", big_endian ? "big" : "little", kPlyProperties);
+  std::string b =
+      fmt::format("ply\nformat binary_{}_endian 1.0\ncomment test\n{}", big_endian ? "big" : "little", kPlyProperties);
   for (int i = 0; i < 4; ++i) {
     put(b, 0.5 * i, big_endian);
     put(b, float(i) - 1, big_endian);
@@ -155,7 +158,8 @@ std::string binary_ply(bool big_endian) {
 
 std::string ascii_ply() {
   std::string b = fmt::format("ply\nformat ascii 1.0\ncomment test\n{}", kPlyProperties);
-  for (int i = 0; i < 4; ++i) b += fmt::format("{} {} {} 255 {} 0 {} +1.0\n", 0.5 * i, i - 1, -300 * i, 51 * i, 0.25 * i);
+  for (int i = 0; i < 4; ++i)
+    b += fmt::format("{} {} {} 255 {} 0 {} +1.0\n", 0.5 * i, i - 1, -300 * i, 51 * i, 0.25 * i);
   return b + "4 0 1 2 3\n3 3 1 0\n";
 }
 
@@ -179,7 +183,8 @@ TEST(Ply, AllFormatsGiveTheSameMesh) {
 TEST(Ply, FaceColorsFollowTheTrianglesOfAPolygon) {
   Warnings warnings;
   const Mesh m = read_ply(
-      "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float quality\n"
+      "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float "
+      "quality\n"
       "element face 2\nproperty float r\nproperty list uchar uint vertex_index\nproperty float g\nproperty float b\n"
       "element edge 1\nproperty int a\nend_header\n"
       "0 0 0 9\n1 0 0 9\n1 1 0 9\n0 1 0 9\n"
@@ -238,7 +243,8 @@ TEST(Ply, ErrorsNameTheLine) {
 std::string deflate(const std::string& data) {
   uLongf size = compressBound(uLong(data.size()));
   std::string packed(size, '\0');
-  compress(reinterpret_cast<Bytef*>(packed.data()), &size, reinterpret_cast<const Bytef*>(data.data()), uLong(data.size()));
+  compress(reinterpret_cast<Bytef*>(packed.data()), &size, reinterpret_cast<const Bytef*>(data.data()),
+           uLong(data.size()));
   packed.resize(size);
   return packed;
 }
@@ -275,7 +281,8 @@ std::string serialized_file(const std::vector<std::string>& streams) {
 
 TEST(Serialized, ReadsBothVersionsAndPrecisions) {
   const std::string v3 = serialized_file<std::uint32_t>({mesh_stream<float>(3, 5), mesh_stream<double>(3, 6)});
-  const std::string v4 = serialized_file<std::uint64_t>({mesh_stream<double>(4, 5), mesh_stream<float>(4, 6), mesh_stream<float>(4, 7)});
+  const std::string v4 =
+      serialized_file<std::uint64_t>({mesh_stream<double>(4, 5), mesh_stream<float>(4, 6), mesh_stream<float>(4, 7)});
   for (const std::string& file : {v3, v4}) {
     for (int i = 0; i < 2; ++i) {
       const Mesh m = read_serialized(file, "a.serialized", i);

@@ -24,7 +24,9 @@ fs::path shared_scenes() { return fs::path(TEMPERA_SOURCE_DIR) / ".." / "shared"
 /// A folder of files that goes away with the object.
 class Folder {
  public:
-  Folder() : path_(fs::temp_directory_path() / fmt::format("tempera_mitsuba_{}_{}", getpid(), count_++)) { fs::create_directories(path_); }
+  Folder() : path_(fs::temp_directory_path() / fmt::format("tempera_mitsuba_{}_{}", getpid(), count_++)) {
+    fs::create_directories(path_);
+  }
   ~Folder() { fs::remove_all(path_); }
   Folder(const Folder&) = delete;
   Folder& operator=(const Folder&) = delete;
@@ -35,7 +37,8 @@ class Folder {
   }
   /// Imports a scene with this inside its root element, which stands on line 1.
   Scene load(const std::string& inner, ImportOptions options = {}, const char* version = "3.0.0") {
-    return import_mitsuba(write("scene.xml", fmt::format("<scene version=\"{}\">{}</scene>", version, inner)), options, warnings);
+    return import_mitsuba(write("scene.xml", fmt::format("<scene version=\"{}\">{}</scene>", version, inner)), options,
+                          warnings);
   }
   const fs::path& path() const { return path_; }
   Warnings warnings;
@@ -83,7 +86,9 @@ testing::AssertionResult SameScattering(const Material& a, const Material& b) {
   return testing::AssertionSuccess();
 }
 
-const Mesh& mesh_of(const Scene& scene, std::size_t shape = 0) { return std::get<Mesh>(scene.shapes.at(shape).geometry); }
+const Mesh& mesh_of(const Scene& scene, std::size_t shape = 0) {
+  return std::get<Mesh>(scene.shapes.at(shape).geometry);
+}
 
 Bounds3f bounds_of(const Mesh& mesh) {
   Bounds3f b;
@@ -91,7 +96,9 @@ Bounds3f bounds_of(const Mesh& mesh) {
   return b;
 }
 
-void expect_near(const Vec3f& a, const Vec3f& b, float tolerance = 1e-5f) { EXPECT_LT(length(a - b), tolerance) << a.x << " " << a.y << " " << a.z; }
+void expect_near(const Vec3f& a, const Vec3f& b, float tolerance = 1e-5f) {
+  EXPECT_LT(length(a - b), tolerance) << a.x << " " << a.y << " " << a.z;
+}
 void expect_near(const Vec3d& a, const Vec3d& b) { expect_near(Vec3f(a), Vec3f(b)); }
 
 // --- the language ----------------------------------------------------------------------------------------------------
@@ -126,10 +133,14 @@ TEST(MitsubaXml, ReferencesMayComeBeforeWhatTheyName) {
 
 TEST(MitsubaXml, IncludesAndSearchFolders) {
   Folder folder;
-  folder.write("parts/shapes.xml", R"(<scene version="3.0.0"><shape type="obj"><string name="filename" value="tri.obj"/><ref id="b"/></shape></scene>)");
-  folder.write("parts/b.xml", R"(<bsdf version="3.0.0" type="diffuse" id="b"><rgb name="reflectance" value="$gray"/></bsdf>)");
+  folder.write(
+      "parts/shapes.xml",
+      R"(<scene version="3.0.0"><shape type="obj"><string name="filename" value="tri.obj"/><ref id="b"/></shape></scene>)");
+  folder.write("parts/b.xml",
+               R"(<bsdf version="3.0.0" type="diffuse" id="b"><rgb name="reflectance" value="$gray"/></bsdf>)");
   folder.write("models/tri.obj", kTriangleObj);
-  const Scene s = folder.load(R"(<default name="gray" value="0.25"/><path value="models"/><include filename="parts/shapes.xml"/><include filename="parts/b.xml"/>)");
+  const Scene s = folder.load(
+      R"(<default name="gray" value="0.25"/><path value="models"/><include filename="parts/shapes.xml"/><include filename="parts/b.xml"/>)");
   ASSERT_EQ(s.shapes.size(), 1u);
   EXPECT_EQ(s.shapes[0].name, "tri");
   EXPECT_TRUE(SameScattering(*s.shapes[0].material, *make_diffuse(0.25f)));
@@ -146,7 +157,8 @@ TEST(MitsubaXml, BothDialectsMeanTheSame) {
       <film type="hdrfilm"><integer name="width" value="8"/><integer name="height" value="4"/><string name="pixelFormat" value="rgb"/></film>
       <sampler type="ldsampler"><integer name="sampleCount" value="16"/></sampler></sensor>
     <shape type="obj"><string name="filename" value="tri.obj"/><boolean name="faceNormals" value="true"/><boolean name="flipNormals" value="true"/>
-      <bsdf type="roughplastic"><float name="intIOR" value="1.6"/><rgb name="diffuseReflectance" value="#ff8000"/></bsdf></shape>)", {}, "0.6.0");
+      <bsdf type="roughplastic"><float name="intIOR" value="1.6"/><rgb name="diffuseReflectance" value="#ff8000"/></bsdf></shape>)",
+                                    {}, "0.6.0");
   const Scene new_one = folder.load(R"(
     <integrator type="path"><integer name="max_depth" value="7"/><integer name="rr_depth" value="3"/><boolean name="hide_emitters" value="true"/></integrator>
     <sensor type="thinlens"><float name="aperture_radius" value="0.2"/><float name="focus_distance" value="3"/><float name="near_clip" value="1"/>
@@ -187,57 +199,103 @@ TEST(MitsubaXml, ErrorsHaveCodeLineAndAdvice) {
       {"<translate x=\"1\"/>", ErrorCode::kUnknownName, 2, "<transform>"},
       {"<shape/>", ErrorCode::kBadInput, 2, "\"type\""},
       {"<shape type=\"sphere\" kind=\"x\"/>", ErrorCode::kUnknownName, 2, "known: type, id, name"},
-      {"<shape type=\"sphere\">\n<float name=\"radius\" value=\"abc\"/></shape>", ErrorCode::kBadInput, 3, "as a number"},
+      {"<shape type=\"sphere\">\n<float name=\"radius\" value=\"abc\"/></shape>", ErrorCode::kBadInput, 3,
+       "as a number"},
       {"<shape type=\"sphere\">\n<float name=\"radius\" value=\"nan\"/></shape>", ErrorCode::kOutOfRange, 3, "finite"},
-      {"<shape type=\"sphere\">\n<float name=\"radius\" value=\"1e999\"/></shape>", ErrorCode::kOutOfRange, 3, "finite"},
+      {"<shape type=\"sphere\">\n<float name=\"radius\" value=\"1e999\"/></shape>", ErrorCode::kOutOfRange, 3,
+       "finite"},
       {"<shape type=\"sphere\">\n<float name=\"radius\" value=\"-1\"/></shape>", ErrorCode::kOutOfRange, 3, "at least"},
-      {"<shape type=\"sphere\">\n<string name=\"radius\" value=\"1\"/></shape>", ErrorCode::kBadInput, 3, "expected a number"},
-      {"<shape type=\"sphere\">\n<float name=\"radius\" value=\"1\"/>\n<float name=\"radius\" value=\"1\"/></shape>", ErrorCode::kBadInput, 4, "twice"},
+      {"<shape type=\"sphere\">\n<string name=\"radius\" value=\"1\"/></shape>", ErrorCode::kBadInput, 3,
+       "expected a number"},
+      {"<shape type=\"sphere\">\n<float name=\"radius\" value=\"1\"/>\n<float name=\"radius\" value=\"1\"/></shape>",
+       ErrorCode::kBadInput, 4, "twice"},
       {"<shape type=\"sphere\">\n<point name=\"center\" x=\"1\" y=\"2\"/></shape>", ErrorCode::kBadInput, 3, "\"z\""},
       {"<shape type=\"sphere\">\n<point name=\"center\" value=\"1 2\"/></shape>", ErrorCode::kBadInput, 3, "three"},
-      {"<integrator type=\"path\">\n<integer name=\"max_depth\" value=\"2.5\"/></integrator>", ErrorCode::kBadInput, 3, "integer"},
-      {"<integrator type=\"path\">\n<integer name=\"max_depth\" value=\"99999999999999999999\"/></integrator>", ErrorCode::kBadInput, 3, "integer"},
-      {"<integrator type=\"path\">\n<boolean name=\"hide_emitters\" value=\"yes\"/></integrator>", ErrorCode::kBadInput, 3, "true or false"},
-      {"<shape type=\"disk\"><transform name=\"to_world\">\n<matrix value=\"1 0 0 0 1 0 0 0\"/></transform></shape>", ErrorCode::kBadInput, 3, "9 or 16"},
-      {"<shape type=\"disk\"><transform name=\"to_world\">\n<matrix value=\"1 0 0 0  0 1 0 0  0 0 1 0  0 0 1 1\"/></transform></shape>", ErrorCode::kBadInput, 3, "0 0 0 1"},
-      {"<shape type=\"disk\"><transform name=\"to_world\">\n<rotate angle=\"3\"/></transform></shape>", ErrorCode::kOutOfRange, 3, "axis"},
-      {"<shape type=\"disk\"><transform name=\"to_world\">\n<lookat origin=\"0 0 0\" target=\"0 0 0\"/></transform></shape>", ErrorCode::kOutOfRange, 3, "differ"},
-      {"<shape type=\"disk\"><transform name=\"to_world\">\n<lookat origin=\"0 0 0\" target=\"0 1 0\" up=\"0 1 0\"/></transform></shape>", ErrorCode::kOutOfRange, 3, "up"},
-      {"<shape type=\"disk\"><transform name=\"to_world\">\n<shear x=\"1\"/></transform></shape>", ErrorCode::kUnknownName, 3, "lookat"},
-      {"<shape type=\"disk\">\n<transform name=\"to_world\"><scale x=\"0\"/></transform></shape>", ErrorCode::kOutOfRange, 3, "invertible"},
-      {"<shape type=\"disk\">\n<animation name=\"to_world\"><transform time=\"1\"/>\n<transform time=\"1\"/></animation></shape>", ErrorCode::kBadInput, 4, "increase"},
+      {"<integrator type=\"path\">\n<integer name=\"max_depth\" value=\"2.5\"/></integrator>", ErrorCode::kBadInput, 3,
+       "integer"},
+      {"<integrator type=\"path\">\n<integer name=\"max_depth\" value=\"99999999999999999999\"/></integrator>",
+       ErrorCode::kBadInput, 3, "integer"},
+      {"<integrator type=\"path\">\n<boolean name=\"hide_emitters\" value=\"yes\"/></integrator>", ErrorCode::kBadInput,
+       3, "true or false"},
+      {"<shape type=\"disk\"><transform name=\"to_world\">\n<matrix value=\"1 0 0 0 1 0 0 0\"/></transform></shape>",
+       ErrorCode::kBadInput, 3, "9 or 16"},
+      {"<shape type=\"disk\"><transform name=\"to_world\">\n<matrix value=\"1 0 0 0  0 1 0 0  0 0 1 0  0 0 1 "
+       "1\"/></transform></shape>",
+       ErrorCode::kBadInput, 3, "0 0 0 1"},
+      {"<shape type=\"disk\"><transform name=\"to_world\">\n<rotate angle=\"3\"/></transform></shape>",
+       ErrorCode::kOutOfRange, 3, "axis"},
+      {"<shape type=\"disk\"><transform name=\"to_world\">\n<lookat origin=\"0 0 0\" target=\"0 0 "
+       "0\"/></transform></shape>",
+       ErrorCode::kOutOfRange, 3, "differ"},
+      {"<shape type=\"disk\"><transform name=\"to_world\">\n<lookat origin=\"0 0 0\" target=\"0 1 0\" up=\"0 1 "
+       "0\"/></transform></shape>",
+       ErrorCode::kOutOfRange, 3, "up"},
+      {"<shape type=\"disk\"><transform name=\"to_world\">\n<shear x=\"1\"/></transform></shape>",
+       ErrorCode::kUnknownName, 3, "lookat"},
+      {"<shape type=\"disk\">\n<transform name=\"to_world\"><scale x=\"0\"/></transform></shape>",
+       ErrorCode::kOutOfRange, 3, "invertible"},
+      {"<shape type=\"disk\">\n<animation name=\"to_world\"><transform time=\"1\"/>\n<transform "
+       "time=\"1\"/></animation></shape>",
+       ErrorCode::kBadInput, 4, "increase"},
       {"<shape type=\"disk\">\n<animation name=\"to_world\"/></shape>", ErrorCode::kBadInput, 3, "at least one"},
-      {"<shape type=\"disk\">\n<ref id=\"wal\"/></shape><bsdf id=\"wall\" type=\"diffuse\"/>", ErrorCode::kUnknownName, 3, "known: wall"},
+      {"<shape type=\"disk\">\n<ref id=\"wal\"/></shape><bsdf id=\"wall\" type=\"diffuse\"/>", ErrorCode::kUnknownName,
+       3, "known: wall"},
       {"<bsdf id=\"a\" type=\"diffuse\"/>\n<bsdf id=\"a\" type=\"diffuse\"/>", ErrorCode::kBadInput, 3, "taken"},
       {"<alias id=\"a\" as=\"b\"/>", ErrorCode::kUnknownName, 2, "no ids"},
-      {"<shape type=\"disk\"><ref id=\"a\"/></shape>\n<bsdf id=\"a\" type=\"twosided\"><ref id=\"b\"/></bsdf>\n<bsdf id=\"b\" type=\"mask\"><ref id=\"a\"/></bsdf>", ErrorCode::kBadInput, 3, "itself"},
+      {"<shape type=\"disk\"><ref id=\"a\"/></shape>\n<bsdf id=\"a\" type=\"twosided\"><ref id=\"b\"/></bsdf>\n<bsdf "
+       "id=\"b\" type=\"mask\"><ref id=\"a\"/></bsdf>",
+       ErrorCode::kBadInput, 3, "itself"},
       {"<shape type=\"disk\"><float name=\"x\" value=\"$missing\"/></shape>", ErrorCode::kUnknownName, 2, "$missing"},
       {"<default name=\"a\" value=\"1\"><float/></default>", ErrorCode::kBadInput, 2, "inside <default>"},
       {"\n<include filename=\"nowhere.xml\"/>", ErrorCode::kMissingFile, 3, "nowhere.xml"},
       {"\n<include filename=\"scene.xml\"/>", ErrorCode::kBadInput, 3, "includes itself"},
       {"\n<path value=\"nowhere\"/>", ErrorCode::kMissingFile, 3, "folder"},
-      {"<shape type=\"obj\">\n<string name=\"filename\" value=\"nowhere.obj\"/></shape>", ErrorCode::kMissingFile, 3, "nowhere.obj"},
+      {"<shape type=\"obj\">\n<string name=\"filename\" value=\"nowhere.obj\"/></shape>", ErrorCode::kMissingFile, 3,
+       "nowhere.obj"},
       {"\n<shape type=\"obj\"/>", ErrorCode::kBadInput, 3, "filename"},
-      {"<shape type=\"obj\">\n<string name=\"filename\" value=\".\"/></shape>", ErrorCode::kBadInput, 3, "regular file"},
+      {"<shape type=\"obj\">\n<string name=\"filename\" value=\".\"/></shape>", ErrorCode::kBadInput, 3,
+       "regular file"},
       {"<shape type=\"cylinder\"><point name=\"p1\" value=\"0\"/></shape>", ErrorCode::kOutOfRange, 2, "differ"},
       {"\n<shape type=\"instance\"/>", ErrorCode::kBadInput, 3, "shapegroup"},
-      {"<bsdf id=\"d\" type=\"dielectric\">\n<string name=\"int_ior\" value=\"watr\"/></bsdf><shape type=\"disk\"><ref id=\"d\"/></shape>", ErrorCode::kUnknownName, 3, "water"},
-      {"<shape type=\"disk\"><bsdf type=\"conductor\">\n<string name=\"material\" value=\"Unobtainium\"/></bsdf></shape>", ErrorCode::kUnknownName, 3, "Au"},
+      {"<bsdf id=\"d\" type=\"dielectric\">\n<string name=\"int_ior\" value=\"watr\"/></bsdf><shape type=\"disk\"><ref "
+       "id=\"d\"/></shape>",
+       ErrorCode::kUnknownName, 3, "water"},
+      {"<shape type=\"disk\"><bsdf type=\"conductor\">\n<string name=\"material\" "
+       "value=\"Unobtainium\"/></bsdf></shape>",
+       ErrorCode::kUnknownName, 3, "Au"},
       {"<shape type=\"disk\">\n<bsdf type=\"mask\"/></shape>", ErrorCode::kBadInput, 3, "nested bsdf"},
-      {"<shape type=\"disk\">\n<bsdf type=\"blendbsdf\"><bsdf type=\"diffuse\"/></bsdf></shape>", ErrorCode::kBadInput, 3, "two nested"},
-      {"<shape type=\"disk\"><bsdf type=\"roughconductor\">\n<string name=\"distribution\" value=\"gx\"/></bsdf></shape>", ErrorCode::kUnknownName, 3, "ggx"},
-      {"<shape type=\"disk\"><bsdf type=\"diffuse\">\n<rgb name=\"reflectance\" value=\"1 2\"/></bsdf></shape>", ErrorCode::kBadInput, 3, "one or three"},
-      {"<shape type=\"disk\"><bsdf type=\"diffuse\">\n<spectrum name=\"reflectance\" value=\"400:1 390:2\"/></bsdf></shape>", ErrorCode::kBadInput, 3, "increase"},
-      {"<shape type=\"disk\"><bsdf type=\"diffuse\">\n<spectrum name=\"reflectance\" value=\"400:1 x\"/></bsdf></shape>", ErrorCode::kBadInput, 3, "wavelength"},
-      {"<shape type=\"disk\"><bsdf type=\"diffuse\"><texture name=\"reflectance\" type=\"bitmap\">\n<string name=\"filename\" value=\"no.png\"/></texture></bsdf></shape>", ErrorCode::kMissingFile, 3, "no.png"},
-      {"<sensor type=\"perspective\">\n<float name=\"fov\" value=\"180\"/></sensor>", ErrorCode::kOutOfRange, 3, "between"},
-      {"<sensor type=\"perspective\">\n<string name=\"fov_axis\" value=\"z\"/></sensor>", ErrorCode::kUnknownName, 3, "diagonal"},
-      {"<sensor type=\"perspective\">\n<string name=\"focal_length\" value=\"long\"/></sensor>", ErrorCode::kBadInput, 3, "50mm"},
-      {"<sensor type=\"perspective\"><film type=\"hdrfilm\">\n<integer name=\"width\" value=\"0\"/></film></sensor>", ErrorCode::kOutOfRange, 3, "between"},
-      {"<sensor type=\"perspective\"><float name=\"shutter_open\" value=\"1\"/>\n<float name=\"shutter_close\" value=\"0\"/></sensor>", ErrorCode::kOutOfRange, 3, "before"},
+      {"<shape type=\"disk\">\n<bsdf type=\"blendbsdf\"><bsdf type=\"diffuse\"/></bsdf></shape>", ErrorCode::kBadInput,
+       3, "two nested"},
+      {"<shape type=\"disk\"><bsdf type=\"roughconductor\">\n<string name=\"distribution\" "
+       "value=\"gx\"/></bsdf></shape>",
+       ErrorCode::kUnknownName, 3, "ggx"},
+      {"<shape type=\"disk\"><bsdf type=\"diffuse\">\n<rgb name=\"reflectance\" value=\"1 2\"/></bsdf></shape>",
+       ErrorCode::kBadInput, 3, "one or three"},
+      {"<shape type=\"disk\"><bsdf type=\"diffuse\">\n<spectrum name=\"reflectance\" value=\"400:1 "
+       "390:2\"/></bsdf></shape>",
+       ErrorCode::kBadInput, 3, "increase"},
+      {"<shape type=\"disk\"><bsdf type=\"diffuse\">\n<spectrum name=\"reflectance\" value=\"400:1 "
+       "x\"/></bsdf></shape>",
+       ErrorCode::kBadInput, 3, "wavelength"},
+      {"<shape type=\"disk\"><bsdf type=\"diffuse\"><texture name=\"reflectance\" type=\"bitmap\">\n<string "
+       "name=\"filename\" value=\"no.png\"/></texture></bsdf></shape>",
+       ErrorCode::kMissingFile, 3, "no.png"},
+      {"<sensor type=\"perspective\">\n<float name=\"fov\" value=\"180\"/></sensor>", ErrorCode::kOutOfRange, 3,
+       "between"},
+      {"<sensor type=\"perspective\">\n<string name=\"fov_axis\" value=\"z\"/></sensor>", ErrorCode::kUnknownName, 3,
+       "diagonal"},
+      {"<sensor type=\"perspective\">\n<string name=\"focal_length\" value=\"long\"/></sensor>", ErrorCode::kBadInput,
+       3, "50mm"},
+      {"<sensor type=\"perspective\"><film type=\"hdrfilm\">\n<integer name=\"width\" value=\"0\"/></film></sensor>",
+       ErrorCode::kOutOfRange, 3, "between"},
+      {"<sensor type=\"perspective\"><float name=\"shutter_open\" value=\"1\"/>\n<float name=\"shutter_close\" "
+       "value=\"0\"/></sensor>",
+       ErrorCode::kOutOfRange, 3, "before"},
       {"\n<sensor type=\"thinlens\"/>", ErrorCode::kBadInput, 3, "aperture_radius"},
-      {"<emitter type=\"directional\">\n<vector name=\"direction\" value=\"0\"/></emitter>", ErrorCode::kOutOfRange, 3, "zero"},
-      {"<emitter type=\"sunsky\">\n<float name=\"turbidity\" value=\"11\"/></emitter>", ErrorCode::kOutOfRange, 3, "between 1 and 10"},
+      {"<emitter type=\"directional\">\n<vector name=\"direction\" value=\"0\"/></emitter>", ErrorCode::kOutOfRange, 3,
+       "zero"},
+      {"<emitter type=\"sunsky\">\n<float name=\"turbidity\" value=\"11\"/></emitter>", ErrorCode::kOutOfRange, 3,
+       "between 1 and 10"},
   };
   for (const BadScene& bad : cases) {
     Folder folder;
@@ -255,7 +313,9 @@ TEST(MitsubaXml, ErrorsHaveCodeLineAndAdvice) {
 
 TEST(MitsubaXml, PlacesPointAtTheValue) {
   Folder folder;
-  const fs::path file = folder.write("scene.xml", "<scene version=\"3.0.0\">\n  <shape type=\"sphere\">\n    <float name=\"radius\" value=\"x\"/>\n</shape></scene>");
+  const fs::path file = folder.write("scene.xml",
+                                     "<scene version=\"3.0.0\">\n  <shape type=\"sphere\">\n    <float name=\"radius\" "
+                                     "value=\"x\"/>\n</shape></scene>");
   try {
     import_mitsuba(file, {}, folder.warnings);
     FAIL();
@@ -292,7 +352,10 @@ TEST(MitsubaXml, BombsAreDefused) {
   for (int i = 1; i < 60; ++i) doubling += fmt::format("<default name=\"a{}\" value=\"$a{}$a{}\"/>", i, i - 1, i - 1);
   EXPECT_THROW(folder.load(doubling), Error);
   for (int i = 0; i < 30; ++i)
-    folder.write(fmt::format("{}.xml", i), fmt::format("<scene version=\"3.0.0\"><include filename=\"{0}.xml\"/><include filename=\"{0}.xml\"/></scene>", i + 1));
+    folder.write(
+        fmt::format("{}.xml", i),
+        fmt::format("<scene version=\"3.0.0\"><include filename=\"{0}.xml\"/><include filename=\"{0}.xml\"/></scene>",
+                    i + 1));
   folder.write("30.xml", "<scene version=\"3.0.0\"/>");
   EXPECT_THROW(folder.load("<include filename=\"0.xml\"/>"), Error);
 }
@@ -301,7 +364,9 @@ TEST(MitsubaXml, ErrorsOfIndependentObjectsComeTogether) {
   Folder folder;
   folder.write("bad.obj", "v 0 0 0\nf 1 2 3\n");
   try {
-    folder.load("\n<shape type=\"sphere\">\n<float name=\"radius\" value=\"-1\"/></shape>\n<shape type=\"obj\"><string name=\"filename\" value=\"bad.obj\"/></shape>");
+    folder.load(
+        "\n<shape type=\"sphere\">\n<float name=\"radius\" value=\"-1\"/></shape>\n<shape type=\"obj\"><string "
+        "name=\"filename\" value=\"bad.obj\"/></shape>");
     FAIL();
   } catch (const Error& e) {
     EXPECT_EQ(e.loc().line, 3);
@@ -324,14 +389,18 @@ TEST(MitsubaXml, WhatIsNotSupportedIsCounted) {
   };
   EXPECT_TRUE(warns("\n<shape type=\"sdfgrid\"/>", "sdfgrid"));
   EXPECT_TRUE(warns("<shape type=\"sphere\">\n<float name=\"wobble\" value=\"1\"/></shape>", "wobble"));
-  EXPECT_TRUE(warns("<shape type=\"sphere\">\n<medium name=\"interior\" type=\"homogeneous\"/></shape>", "participating media"));
+  EXPECT_TRUE(warns("<shape type=\"sphere\">\n<medium name=\"interior\" type=\"homogeneous\"/></shape>",
+                    "participating media"));
   EXPECT_TRUE(warns("<shape type=\"sphere\">\n<bsdf type=\"hair\"/></shape>", "hair"));
   EXPECT_TRUE(warns("\n<integrator type=\"bdpt\"/>", "bdpt"));
   EXPECT_TRUE(warns("\n<sensor type=\"spherical\"/>", "spherical"));
   EXPECT_TRUE(warns("\n<emitter type=\"measured\"/>", "measured"));
   EXPECT_TRUE(warns("\n<emitter type=\"area\"/>", "outside of a shape"));
-  EXPECT_TRUE(warns("<sensor type=\"perspective\"><film type=\"hdrfilm\">\n<rfilter type=\"lanczos\"/></film></sensor>", "lanczos"));
-  EXPECT_TRUE(warns("<shape type=\"disk\"><bsdf type=\"diffuse\">\n<texture name=\"reflectance\" type=\"wood\"/></bsdf></shape>", "wood"));
+  EXPECT_TRUE(warns("<sensor type=\"perspective\"><film type=\"hdrfilm\">\n<rfilter type=\"lanczos\"/></film></sensor>",
+                    "lanczos"));
+  EXPECT_TRUE(warns(
+      "<shape type=\"disk\"><bsdf type=\"diffuse\">\n<texture name=\"reflectance\" type=\"wood\"/></bsdf></shape>",
+      "wood"));
   EXPECT_TRUE(warns("\n<phase type=\"hg\"/>", "hg"));
 }
 
@@ -340,12 +409,15 @@ TEST(MitsubaXml, SandboxKeepsInsideTheFolder) {
   outside.write("secret.obj", kTriangleObj);
   Folder folder;
   folder.write("tri.obj", kTriangleObj);
-  const auto shape = [](const std::string& name) { return fmt::format("\n<shape type=\"obj\"><string name=\"filename\" value=\"{}\"/></shape>", name); };
+  const auto shape = [](const std::string& name) {
+    return fmt::format("\n<shape type=\"obj\"><string name=\"filename\" value=\"{}\"/></shape>", name);
+  };
   const std::string elsewhere = (outside.path() / "secret.obj").string();
   EXPECT_EQ(folder.load(shape(elsewhere)).shapes.size(), 1u);
   EXPECT_EQ(folder.load(shape("tri.obj"), {.sandbox = true}).shapes.size(), 1u);
   fs::create_symlink(outside.path() / "secret.obj", folder.path() / "link.obj");
-  for (const std::string& name : {elsewhere, fs::relative(elsewhere, folder.path()).string(), std::string("link.obj"), std::string("/dev/zero")}) {
+  for (const std::string& name : {elsewhere, fs::relative(elsewhere, folder.path()).string(), std::string("link.obj"),
+                                  std::string("/dev/zero")}) {
     try {
       folder.load(shape(name), {.sandbox = true});
       ADD_FAILURE() << name;
@@ -426,13 +498,16 @@ TEST(MitsubaShapes, CubeHasMitsubasTextureCoordinates) {
   const struct {
     Vec3f p, n;
     Vec2f uv;
-  } expected[] = {{{1, -1, -1}, {0, -1, 0}, {0, 1}}, {{-1, -1, 1}, {0, -1, 0}, {1, 0}}, {{1, 1, -1}, {0, 1, 0}, {0, 1}}, {{-1, 1, -1}, {0, 1, 0}, {1, 1}},
-                  {{1, 1, 1}, {1, 0, 0}, {1, 0}},   {{1, -1, -1}, {1, 0, 0}, {0, 1}},  {{1, -1, 1}, {0, 0, 1}, {0, 1}}, {{-1, 1, 1}, {0, 0, 1}, {1, 0}},
-                  {{-1, -1, 1}, {-1, 0, 0}, {0, 1}}, {{-1, 1, -1}, {-1, 0, 0}, {1, 0}}, {{1, 1, -1}, {0, 0, -1}, {0, 1}}, {{-1, -1, -1}, {0, 0, -1}, {1, 0}}};
+  } expected[] = {
+      {{1, -1, -1}, {0, -1, 0}, {0, 1}}, {{-1, -1, 1}, {0, -1, 0}, {1, 0}}, {{1, 1, -1}, {0, 1, 0}, {0, 1}},
+      {{-1, 1, -1}, {0, 1, 0}, {1, 1}},  {{1, 1, 1}, {1, 0, 0}, {1, 0}},    {{1, -1, -1}, {1, 0, 0}, {0, 1}},
+      {{1, -1, 1}, {0, 0, 1}, {0, 1}},   {{-1, 1, 1}, {0, 0, 1}, {1, 0}},   {{-1, -1, 1}, {-1, 0, 0}, {0, 1}},
+      {{-1, 1, -1}, {-1, 0, 0}, {1, 0}}, {{1, 1, -1}, {0, 0, -1}, {0, 1}},  {{-1, -1, -1}, {0, 0, -1}, {1, 0}}};
   for (const auto& e : expected) {
     bool found = false;
     for (std::size_t t = 0; t < 12; ++t) {
-      const Vec3f a = m.positions[m.indices[3 * t]], b = m.positions[m.indices[3 * t + 1]], c = m.positions[m.indices[3 * t + 2]];
+      const Vec3f a = m.positions[m.indices[3 * t]], b = m.positions[m.indices[3 * t + 1]],
+                  c = m.positions[m.indices[3 * t + 2]];
       if (dot(normalize(cross(b - a, c - a)), e.n) < 0.99f) continue;
       for (std::size_t i = 0; i < 3; ++i)
         if (m.positions[m.indices[3 * t + i]] == e.p) {
@@ -447,8 +522,11 @@ TEST(MitsubaShapes, CubeHasMitsubasTextureCoordinates) {
 TEST(MitsubaShapes, MeshFilesAreBakedAndSmoothed) {
   Folder folder;
   folder.write("tri.obj", kTriangleObj);
-  folder.write("tri.ply", "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float u\nproperty float v\n"
-                          "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n");
+  folder.write(
+      "tri.ply",
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float "
+      "u\nproperty float v\n"
+      "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n");
   const Scene s = folder.load(R"(
     <shape type="obj" id="a"><string name="filename" value="tri.obj"/><transform name="to_world"><scale value="2"/><translate z="3"/></transform></shape>
     <shape type="ply"><string name="filename" value="tri.ply"/></shape>
@@ -472,7 +550,9 @@ TEST(MitsubaShapes, MeshFilesAreBakedAndSmoothed) {
 TEST(MitsubaShapes, OwnNormalsDecideTheFrontOfMirroredMeshes) {
   Folder folder;
   folder.write("tri.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3//1\n");
-  const Mesh m = mesh_of(folder.load("<shape type=\"obj\"><string name=\"filename\" value=\"tri.obj\"/><transform name=\"to_world\"><scale value=\"-2\"/></transform></shape>"));
+  const Mesh m =
+      mesh_of(folder.load("<shape type=\"obj\"><string name=\"filename\" value=\"tri.obj\"/><transform "
+                          "name=\"to_world\"><scale value=\"-2\"/></transform></shape>"));
   EXPECT_EQ(m.normals[0], (Vec3f{0, 0, -1}));
   const Vec3f p = m.positions[m.indices[0]];
   EXPECT_LT(cross(m.positions[m.indices[1]] - p, m.positions[m.indices[2]] - p).z, 0);
@@ -487,7 +567,8 @@ TEST(MitsubaShapes, AnimatedTransformsBecomeKeys) {
       <transform time="1.5"><scale value="4"/><rotate z="1" angle="90"/><translate x="3"/></transform></animation></shape>
     <sensor type="perspective"><animation name="to_world"><transform time="-1"><lookat origin="0 0 1" target="0 0 0" up="0 1 0"/></transform>
       <transform time="1"><lookat origin="0 0 3" target="0 0 0" up="0 1 0"/></transform></animation>
-      <float name="shutter_open" value="0.25"/><float name="shutter_close" value="0.75"/></sensor>)", {}, "0.5.0");
+      <float name="shutter_open" value="0.25"/><float name="shutter_close" value="0.75"/></sensor>)",
+                              {}, "0.5.0");
   ASSERT_GE(s.instances[0].node, 0);
   EXPECT_EQ(s.animation, (TimeSpan{-1, 1.5}));
   EXPECT_EQ(s.defaults.exposure, (TimeSpan{0.25, 0.75}));
@@ -543,11 +624,16 @@ TEST(MitsubaMaterials, DefaultsAreMitsubas) {
   rough_plastic.roughness = rough;
   PrincipledParams principled;
   principled.eta = 2 / (1 - std::sqrt(0.08f * 0.5f)) - 1;
-  const std::pair<const char*, MaterialPtr> cases[] = {
-      {"diffuse", make_diffuse(0.5f)},        {"conductor", make_conductor({})},      {"roughconductor", make_conductor(rough_mirror)},
-      {"dielectric", make_dielectric({})},    {"thindielectric", make_dielectric(thin)}, {"roughdielectric", make_dielectric(frosted)},
-      {"plastic", make_plastic({})},          {"roughplastic", make_plastic(rough_plastic)}, {"principled", make_principled(principled)},
-      {"null", make_mask(0.0f, make_black())}};
+  const std::pair<const char*, MaterialPtr> cases[] = {{"diffuse", make_diffuse(0.5f)},
+                                                       {"conductor", make_conductor({})},
+                                                       {"roughconductor", make_conductor(rough_mirror)},
+                                                       {"dielectric", make_dielectric({})},
+                                                       {"thindielectric", make_dielectric(thin)},
+                                                       {"roughdielectric", make_dielectric(frosted)},
+                                                       {"plastic", make_plastic({})},
+                                                       {"roughplastic", make_plastic(rough_plastic)},
+                                                       {"principled", make_principled(principled)},
+                                                       {"null", make_mask(0.0f, make_black())}};
   for (const auto& [plugin, material] : cases)
     EXPECT_TRUE(SameScattering(*imported(fmt::format("<bsdf type=\"{}\"/>", plugin)), *material)) << plugin;
 }
@@ -558,50 +644,82 @@ TEST(MitsubaMaterials, ParametersArrive) {
   gold.k = named_conductor("Au")->k;
   gold.roughness = {true, Microfacets::kGgx, 0.3f, 0.2f};
   gold.specular_reflectance = Rgb(0.9f, 0.8f, 0.7f);
-  EXPECT_TRUE(SameScattering(*imported(R"(<bsdf type="roughconductor"><string name="material" value="Au"/><string name="distribution" value="GGX"/>
-    <float name="alpha_u" value="0.3"/><float name="alpha_v" value="0.2"/><rgb name="specular_reflectance" value="0.9 0.8 0.7"/></bsdf>)"), *make_conductor(gold)));
+  EXPECT_TRUE(SameScattering(
+      *imported(
+          R"(<bsdf type="roughconductor"><string name="material" value="Au"/><string name="distribution" value="GGX"/>
+    <float name="alpha_u" value="0.3"/><float name="alpha_v" value="0.2"/><rgb name="specular_reflectance" value="0.9 0.8 0.7"/></bsdf>)"),
+      *make_conductor(gold)));
   ConductorParams spectral;
   spectral.eta = 0.789f, spectral.k = 6.15f;
-  EXPECT_TRUE(SameScattering(*imported(R"(<bsdf type="conductor"><spectrum name="eta" value="0.789"/><spectrum name="k" value="6.15"/></bsdf>)"), *make_conductor(spectral)));
-  EXPECT_TRUE(SameScattering(*imported(R"(<bsdf type="conductor"><string name="material" value="none"/></bsdf>)"), *make_conductor({})));
+  EXPECT_TRUE(SameScattering(
+      *imported(
+          R"(<bsdf type="conductor"><spectrum name="eta" value="0.789"/><spectrum name="k" value="6.15"/></bsdf>)"),
+      *make_conductor(spectral)));
+  EXPECT_TRUE(SameScattering(*imported(R"(<bsdf type="conductor"><string name="material" value="none"/></bsdf>)"),
+                             *make_conductor({})));
   DielectricParams diamond;
   diamond.int_ior = 2.419f, diamond.ext_ior = 1.333f, diamond.specular_transmittance = 0.5f;
-  EXPECT_TRUE(SameScattering(*imported(R"(<bsdf type="dielectric"><string name="int_ior" value="Diamond"/><string name="ext_ior" value="water"/>
-    <float name="specular_transmittance" value="0.5"/></bsdf>)"), *make_dielectric(diamond)));
+  EXPECT_TRUE(SameScattering(
+      *imported(
+          R"(<bsdf type="dielectric"><string name="int_ior" value="Diamond"/><string name="ext_ior" value="water"/>
+    <float name="specular_transmittance" value="0.5"/></bsdf>)"),
+      *make_dielectric(diamond)));
   PlasticParams plastic;
   plastic.int_ior = 1.9f, plastic.nonlinear = true, plastic.diffuse_reflectance = Rgb(0.1f, 0.27f, 0.36f);
-  EXPECT_TRUE(SameScattering(*imported(R"(<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1, 0.27, 0.36"/><float name="int_ior" value="1.9"/>
-    <boolean name="nonlinear" value="true"/></bsdf>)"), *make_plastic(plastic)));
+  EXPECT_TRUE(SameScattering(
+      *imported(
+          R"(<bsdf type="plastic"><rgb name="diffuse_reflectance" value="0.1, 0.27, 0.36"/><float name="int_ior" value="1.9"/>
+    <boolean name="nonlinear" value="true"/></bsdf>)"),
+      *make_plastic(plastic)));
   PrincipledParams car;
-  car.base_color = Rgb(0.8f, 0.1f, 0.2f), car.metallic = 0.3f, car.roughness = 0.4f, car.anisotropic = 0.5f, car.clearcoat = 0.6f;
-  car.clearcoat_gloss = 0.7f, car.sheen = 0.2f, car.sheen_tint = 0.9f, car.spec_tint = 0.15f, car.flatness = 0.25f, car.eta = 1.7f;
-  EXPECT_TRUE(SameScattering(*imported(R"(<bsdf type="principled"><rgb name="base_color" value="0.8 0.1 0.2"/><float name="metallic" value="0.3"/>
+  car.base_color = Rgb(0.8f, 0.1f, 0.2f), car.metallic = 0.3f, car.roughness = 0.4f, car.anisotropic = 0.5f,
+  car.clearcoat = 0.6f;
+  car.clearcoat_gloss = 0.7f, car.sheen = 0.2f, car.sheen_tint = 0.9f, car.spec_tint = 0.15f, car.flatness = 0.25f,
+  car.eta = 1.7f;
+  EXPECT_TRUE(SameScattering(
+      *imported(
+          R"(<bsdf type="principled"><rgb name="base_color" value="0.8 0.1 0.2"/><float name="metallic" value="0.3"/>
     <float name="roughness" value="0.4"/><float name="anisotropic" value="0.5"/><float name="clearcoat" value="0.6"/><float name="clearcoat_gloss" value="0.7"/>
     <float name="sheen" value="0.2"/><float name="sheen_tint" value="0.9"/><float name="spec_tint" value="0.15"/><float name="flatness" value="0.25"/>
-    <float name="eta" value="1.7"/><float name="main_specular_sampling_rate" value="2"/></bsdf>)"), *make_principled(car)));
+    <float name="eta" value="1.7"/><float name="main_specular_sampling_rate" value="2"/></bsdf>)"),
+      *make_principled(car)));
 }
 
 TEST(MitsubaMaterials, NestedMaterials) {
   const MaterialPtr red = make_diffuse(Rgb(0.8f, 0.1f, 0.1f)), blue = make_diffuse(Rgb(0.1f, 0.1f, 0.8f));
-  const std::string r = R"(<bsdf type="diffuse"><rgb name="reflectance" value="0.8 0.1 0.1"/></bsdf>)", b = R"(<bsdf type="diffuse"><rgb name="reflectance" value="0.1 0.1 0.8"/></bsdf>)";
+  const std::string r = R"(<bsdf type="diffuse"><rgb name="reflectance" value="0.8 0.1 0.1"/></bsdf>)",
+                    b = R"(<bsdf type="diffuse"><rgb name="reflectance" value="0.1 0.1 0.8"/></bsdf>)";
   EXPECT_TRUE(SameScattering(*imported("<bsdf type=\"twosided\">" + r + b + "</bsdf>"), *make_two_sided(red, blue)));
   EXPECT_TRUE(SameScattering(*imported("<bsdf type=\"twosided\">" + r + "</bsdf>"), *make_two_sided(red)));
-  EXPECT_TRUE(SameScattering(*imported("<bsdf type=\"blendbsdf\"><float name=\"weight\" value=\"0.25\"/>" + r + b + "</bsdf>"), *make_blend(0.25f, red, blue)));
-  EXPECT_TRUE(SameScattering(*imported("<bsdf type=\"mask\"><float name=\"opacity\" value=\"0.3\"/>" + r + "</bsdf>"), *make_mask(0.3f, red)));
+  EXPECT_TRUE(
+      SameScattering(*imported("<bsdf type=\"blendbsdf\"><float name=\"weight\" value=\"0.25\"/>" + r + b + "</bsdf>"),
+                     *make_blend(0.25f, red, blue)));
+  EXPECT_TRUE(SameScattering(*imported("<bsdf type=\"mask\"><float name=\"opacity\" value=\"0.3\"/>" + r + "</bsdf>"),
+                             *make_mask(0.3f, red)));
   // 0.5 red + 0.25 blue + 0.25 of nothing
-  EXPECT_TRUE(SameScattering(*imported("<bsdf type=\"mixturebsdf\"><string name=\"weights\" value=\"0.5, 0.25\"/>" + r + b + "</bsdf>", "0.6.0"),
-                             *make_diffuse(Rgb(0.425f, 0.075f, 0.25f))));
+  EXPECT_TRUE(SameScattering(
+      *imported("<bsdf type=\"mixturebsdf\"><string name=\"weights\" value=\"0.5, 0.25\"/>" + r + b + "</bsdf>",
+                "0.6.0"),
+      *make_diffuse(Rgb(0.425f, 0.075f, 0.25f))));
 }
 
 TEST(MitsubaMaterials, SubstitutesKeepTheEnergy) {
   // phong and ward: both reflectances survive the blend.
-  const MaterialPtr phong = imported(R"(<bsdf type="phong"><float name="exponent" value="60"/><rgb name="diffuseReflectance" value="0.3"/><rgb name="specularReflectance" value="0.2"/></bsdf>)", "0.6.0", true);
-  EXPECT_NEAR(scattering(*phong)[4], scattering(*make_diffuse(0.3f))[4], 1e-3f);  // away from the highlight only diffuse
+  const MaterialPtr phong = imported(
+      R"(<bsdf type="phong"><float name="exponent" value="60"/><rgb name="diffuseReflectance" value="0.3"/><rgb name="specularReflectance" value="0.2"/></bsdf>)",
+      "0.6.0", true);
+  EXPECT_NEAR(scattering(*phong)[4], scattering(*make_diffuse(0.3f))[4],
+              1e-3f);  // away from the highlight only diffuse
   PlasticParams coated;
   coated.int_ior = 1.7f, coated.diffuse_reflectance = 0.4f, coated.nonlinear = true;
-  EXPECT_TRUE(SameScattering(*imported(R"(<bsdf type="coating"><float name="intIOR" value="1.7"/><bsdf type="diffuse"><rgb name="reflectance" value="0.4"/></bsdf></bsdf>)", "0.6.0", true),
-                             *make_plastic(coated)));
-  EXPECT_TRUE(SameScattering(*imported("<bsdf type=\"roughdiffuse\"><float name=\"alpha\" value=\"0.2\"/></bsdf>", "0.6.0", true), *make_diffuse(0.5f)));
+  EXPECT_TRUE(SameScattering(
+      *imported(
+          R"(<bsdf type="coating"><float name="intIOR" value="1.7"/><bsdf type="diffuse"><rgb name="reflectance" value="0.4"/></bsdf></bsdf>)",
+          "0.6.0", true),
+      *make_plastic(coated)));
+  EXPECT_TRUE(SameScattering(
+      *imported("<bsdf type=\"roughdiffuse\"><float name=\"alpha\" value=\"0.2\"/></bsdf>", "0.6.0", true),
+      *make_diffuse(0.5f)));
 }
 
 TEST(MitsubaMaterials, ShapesWithoutBsdfAreDiffuseOrBlackIfTheyEmit) {
@@ -618,12 +736,14 @@ TEST(MitsubaTextures, BitmapsCheckerboardsAndScales) {
     return b;
   }());
   const auto at = [&](const std::string& texture, const Vec2f& uv, const char* version = "3.0.0") {
-    const Scene s = folder.load("<shape type=\"disk\"><bsdf type=\"diffuse\">" + texture + "</bsdf></shape>", {}, version);
+    const Scene s =
+        folder.load("<shape type=\"disk\"><bsdf type=\"diffuse\">" + texture + "</bsdf></shape>", {}, version);
     EXPECT_TRUE(folder.warnings.empty()) << texture;
     return scattering(*s.shapes[0].material, uv)[1] / scattering(*make_diffuse(1.0f))[1];
   };
   const auto bitmap = [](const std::string& more) {
-    return R"(<texture name="reflectance" type="bitmap"><string name="filename" value="t.pfm"/><string name="filter_type" value="nearest"/>)" + more + "</texture>";
+    return R"(<texture name="reflectance" type="bitmap"><string name="filename" value="t.pfm"/><string name="filter_type" value="nearest"/>)" +
+           more + "</texture>";
   };
   // Row 0 is at v = 0.
   EXPECT_NEAR(at(bitmap(""), {0.25f, 0.25f}), 0.25f, 1e-5f);
@@ -633,26 +753,41 @@ TEST(MitsubaTextures, BitmapsCheckerboardsAndScales) {
   EXPECT_NEAR(at(bitmap("<string name=\"wrap_mode\" value=\"clamp\"/>"), {1.25f, 0.25f}), 0.5f, 1e-5f);
   EXPECT_NEAR(at(bitmap("<string name=\"wrap_mode\" value=\"mirror\"/>"), {1.25f, 0.25f}), 0.5f, 1e-5f);
   EXPECT_NEAR(at(bitmap("<transform name=\"to_uv\"><translate x=\"0.5\"/></transform>"), {0.25f, 0.25f}), 0.5f, 1e-5f);
-  EXPECT_NEAR(at(bitmap("<transform name=\"to_uv\"><scale x=\"3\"/><translate y=\"0.5\"/></transform>"), {0.25f, 0.25f}), 1, 1e-5f);
+  EXPECT_NEAR(
+      at(bitmap("<transform name=\"to_uv\"><scale x=\"3\"/><translate y=\"0.5\"/></transform>"), {0.25f, 0.25f}), 1,
+      1e-5f);
   EXPECT_NEAR(at(bitmap("<float name=\"uoffset\" value=\"0.5\"/>"), {0.25f, 0.25f}, "0.6.0"), 0.5f, 1e-5f);
   // 0.6 scales first: 0.75 -> 0.375 -> 0.875; the other order would give 0.625 -> 0.5.
-  EXPECT_NEAR(at(bitmap("<float name=\"uscale\" value=\"0.5\"/><float name=\"uoffset\" value=\"-0.2\"/>"), {0.75f, 0.25f}, "0.6.0"), 0.25f, 1e-5f);
-  EXPECT_NEAR(at("<texture name=\"reflectance\" type=\"scale\"><float name=\"scale\" value=\"0.5\"/>" + bitmap("") + "</texture>", {0.75f, 0.25f}, "0.6.0"), 0.25f, 1e-5f);
-  const std::string checker = R"(<texture name="reflectance" type="checkerboard"><rgb name="color0" value="0.8"/><rgb name="color1" value="0.1"/></texture>)";
+  EXPECT_NEAR(at(bitmap("<float name=\"uscale\" value=\"0.5\"/><float name=\"uoffset\" value=\"-0.2\"/>"),
+                 {0.75f, 0.25f}, "0.6.0"),
+              0.25f, 1e-5f);
+  EXPECT_NEAR(at("<texture name=\"reflectance\" type=\"scale\"><float name=\"scale\" value=\"0.5\"/>" + bitmap("") +
+                     "</texture>",
+                 {0.75f, 0.25f}, "0.6.0"),
+              0.25f, 1e-5f);
+  const std::string checker =
+      R"(<texture name="reflectance" type="checkerboard"><rgb name="color0" value="0.8"/><rgb name="color1" value="0.1"/></texture>)";
   EXPECT_NEAR(at(checker, {0.2f, 0.2f}), 0.8f, 1e-5f);
   EXPECT_NEAR(at(checker, {0.7f, 0.2f}), 0.1f, 1e-5f);
   EXPECT_NEAR(at(checker, {0.7f, 0.7f}), 0.8f, 1e-5f);
   // The shading point's color attribute has red 0.9.
-  EXPECT_NEAR(at(R"(<texture name="reflectance" type="mesh_attribute"><string name="name" value="face_color"/><float name="scale" value="0.5"/></texture>)", {}), 0.45f, 1e-5f);
+  EXPECT_NEAR(
+      at(R"(<texture name="reflectance" type="mesh_attribute"><string name="name" value="face_color"/><float name="scale" value="0.5"/></texture>)",
+         {}),
+      0.45f, 1e-5f);
 }
 
 TEST(MitsubaTextures, Spectra) {
   Folder folder;
   folder.write("a.spd", "# wavelength value\n400 0.5\n\n700 0.5\n");
   const auto emitted = [&](const std::string& radiance, const char* version = "3.0.0") {
-    return folder.load("<emitter type=\"constant\">" + radiance + "</emitter>", {}, version).environments.at(0).radiance.at(0);
+    return folder.load("<emitter type=\"constant\">" + radiance + "</emitter>", {}, version)
+        .environments.at(0)
+        .radiance.at(0);
   };
-  const auto expect_rgb = [](const Rgb& a, const Rgb& b) { EXPECT_LT(max_component(a - b) + max_component(b - a), 2e-3f) << a.r << " " << a.g << " " << a.b; };
+  const auto expect_rgb = [](const Rgb& a, const Rgb& b) {
+    EXPECT_LT(max_component(a - b) + max_component(b - a), 2e-3f) << a.r << " " << a.g << " " << a.b;
+  };
   EXPECT_EQ(emitted(R"(<rgb name="radiance" value="1 2 3"/>)"), Rgb(1, 2, 3));
   EXPECT_EQ(emitted(R"(<rgb name="radiance" value="4"/>)"), Rgb(4.0f));
   EXPECT_EQ(emitted(R"(<float name="radiance" value="4"/>)"), Rgb(4.0f));
@@ -662,13 +797,25 @@ TEST(MitsubaTextures, Spectra) {
   EXPECT_EQ(emitted(R"(<spectrum name="radiance" value="2"/>)", "0.6.0"), Rgb(2.0f));
   EXPECT_EQ(emitted(R"(<spectrum name="radiance" value="1, 2, 3"/>)", "0.6.0"), Rgb(1, 2, 3));
   // As Mitsuba 3.9.1 converts it.
-  expect_rgb(emitted(R"(<spectrum name="radiance" value="400:0, 500:8, 600:15.6, 700:18.4"/>)") / 20.710836f, Rgb(20.710836f, 10.854634f, 2.771152f) / 20.710836f);
-  const Rgb file = emitted(R"(<spectrum name="radiance" filename="a.spd"/>)"), list = emitted(R"(<spectrum name="radiance" value="400:0.5 700:0.5"/>)");
+  expect_rgb(emitted(R"(<spectrum name="radiance" value="400:0, 500:8, 600:15.6, 700:18.4"/>)") / 20.710836f,
+             Rgb(20.710836f, 10.854634f, 2.771152f) / 20.710836f);
+  const Rgb file = emitted(R"(<spectrum name="radiance" filename="a.spd"/>)"),
+            list = emitted(R"(<spectrum name="radiance" value="400:0.5 700:0.5"/>)");
   EXPECT_EQ(file, list);
-  EXPECT_EQ(emitted(R"(<spectrum name="radiance" type="regular"><float name="wavelength_min" value="400"/><float name="wavelength_max" value="700"/><string name="values" value="0.5 0.5"/></spectrum>)"), list);
-  EXPECT_EQ(emitted(R"(<spectrum name="radiance" type="irregular"><string name="wavelengths" value="400 700"/><string name="values" value="0.5 0.5"/></spectrum>)"), list);
-  expect_rgb(emitted(R"(<spectrum name="radiance" type="blackbody"><float name="temperature" value="5000"/></spectrum>)") / blackbody_rgb(5000).r, blackbody_rgb(5000) / blackbody_rgb(5000).r);
-  expect_rgb(emitted(R"(<blackbody name="radiance" temperature="5000K" scale="2"/>)", "0.6.0") / blackbody_rgb(5000).r, blackbody_rgb(5000) * 2 / blackbody_rgb(5000).r);
+  EXPECT_EQ(
+      emitted(
+          R"(<spectrum name="radiance" type="regular"><float name="wavelength_min" value="400"/><float name="wavelength_max" value="700"/><string name="values" value="0.5 0.5"/></spectrum>)"),
+      list);
+  EXPECT_EQ(
+      emitted(
+          R"(<spectrum name="radiance" type="irregular"><string name="wavelengths" value="400 700"/><string name="values" value="0.5 0.5"/></spectrum>)"),
+      list);
+  expect_rgb(
+      emitted(R"(<spectrum name="radiance" type="blackbody"><float name="temperature" value="5000"/></spectrum>)") /
+          blackbody_rgb(5000).r,
+      blackbody_rgb(5000) / blackbody_rgb(5000).r);
+  expect_rgb(emitted(R"(<blackbody name="radiance" temperature="5000K" scale="2"/>)", "0.6.0") / blackbody_rgb(5000).r,
+             blackbody_rgb(5000) * 2 / blackbody_rgb(5000).r);
   EXPECT_EQ(emitted(R"(<spectrum name="radiance" type="d65"><float name="scale" value="3"/></spectrum>)"), Rgb(3.0f));
   EXPECT_TRUE(folder.warnings.empty());
   folder.write("bad.spd", "400 1\n300 2\n");
@@ -730,10 +877,12 @@ TEST(MitsubaLights, EnvironmentImages) {
   Folder folder;
   folder.write("e.pfm", [] {
     std::string b = "PF\n2 1\n-1.0\n";
-    for (const float v : {1.0f, 2.0f, 3.0f, 4.0f, 5.0f, std::numeric_limits<float>::infinity()}) b.append(reinterpret_cast<const char*>(&v), 4);
+    for (const float v : {1.0f, 2.0f, 3.0f, 4.0f, 5.0f, std::numeric_limits<float>::infinity()})
+      b.append(reinterpret_cast<const char*>(&v), 4);
     return b;
   }());
-  const Scene s = folder.load(R"(<emitter type="envmap"><string name="filename" value="e.pfm"/><float name="scale" value="2"/>
+  const Scene s =
+      folder.load(R"(<emitter type="envmap"><string name="filename" value="e.pfm"/><float name="scale" value="2"/>
     <transform name="to_world"><scale value="3"/><rotate y="1" angle="90"/><translate x="9"/></transform></emitter>)");
   ASSERT_EQ(s.environments.size(), 1u);
   const Environment& e = s.environments[0];
@@ -773,7 +922,8 @@ TEST(SunSky, ImageHoldsTheSunsPower) {
   for (const double elevation : {8.0, 30.0, 75.0, 89.95}) {
     for (const double aperture : {0.001, 0.5358, 4.0}) {
       SunSkyParams params;
-      params.sun_direction = {std::cos(elevation * kPiD / 180) * 0.6, std::cos(elevation * kPiD / 180) * 0.8, std::sin(elevation * kPiD / 180)};
+      params.sun_direction = {std::cos(elevation * kPiD / 180) * 0.6, std::cos(elevation * kPiD / 180) * 0.8,
+                              std::sin(elevation * kPiD / 180)};
       params.sky_scale = 0;
       params.sun_aperture = aperture;
       constexpr int kWidth = 512, kHeight = 256;
@@ -785,12 +935,14 @@ TEST(SunSky, ImageHoldsTheSunsPower) {
           const Rgb& c = image[std::size_t(y * kWidth + x)];
           sum += Vec3d{c.r, c.g, c.b} * row;
           const double phi = 2 * kPiD * (x + 0.5) / kWidth, theta = kPiD * (y + 0.5) / kHeight;
-          centre += Vec3d{std::sin(theta) * std::sin(phi), std::sin(theta) * std::cos(phi), std::cos(theta)} * (c.g * row);
+          centre +=
+              Vec3d{std::sin(theta) * std::sin(phi), std::sin(theta) * std::cos(phi), std::cos(theta)} * (c.g * row);
         }
       }
       const Rgb sun = sun_irradiance(params);
       for (int c = 0; c < 3; ++c) EXPECT_NEAR(sum[c] / sun[c], 1, 1e-4) << elevation << " " << aperture;
-      EXPECT_GT(dot(normalize(centre), params.sun_direction), std::cos(0.5 * kPiD / 180)) << elevation << " " << aperture;
+      EXPECT_GT(dot(normalize(centre), params.sun_direction), std::cos(0.5 * kPiD / 180))
+          << elevation << " " << aperture;
     }
   }
 }
@@ -800,7 +952,10 @@ TEST(SunSky, SunHasThePowerOfTheSpectralModel) {
   const struct {
     double turbidity, elevation;
     Rgb value;
-  } expected[] = {{1, 20, {1.3081f, 0.94850f, 0.53852f}}, {3, 45, {1.39454f, 1.11986f, 0.81894f}}, {3, 5, {0.60505f, 0.26790f, 0.04043f}}, {10, 70, {0.94655f, 0.74832f, 0.59325f}}};
+  } expected[] = {{1, 20, {1.3081f, 0.94850f, 0.53852f}},
+                  {3, 45, {1.39454f, 1.11986f, 0.81894f}},
+                  {3, 5, {0.60505f, 0.26790f, 0.04043f}},
+                  {10, 70, {0.94655f, 0.74832f, 0.59325f}}};
   for (const auto& e : expected) {
     SunSkyParams params;
     params.turbidity = e.turbidity;
@@ -831,14 +986,25 @@ TEST(SunSky, EmittersPlaceTheSun) {
     std::size_t best = 0;
     for (std::size_t i = 0; i < e.image.size(); ++i)
       if (e.image[i].g > e.image[best].g) best = i;
-    const double u = (double(best % std::size_t(e.width)) + 0.5) / e.width * 2 * kPiD, v = (double(best / std::size_t(e.width)) + 0.5) / e.height * kPiD;
+    const double u = (double(best % std::size_t(e.width)) + 0.5) / e.width * 2 * kPiD,
+                 v = (double(best / std::size_t(e.width)) + 0.5) / e.height * kPiD;
     return s.world(e.node, 0).vector({std::sin(v) * std::sin(u), std::cos(v), -std::sin(v) * std::cos(u)});
   };
   const Vec3d d = normalize(Vec3d{0.3, 0.5, 0.4});
-  EXPECT_LT(length(brightest(R"(<emitter type="sunsky"><vector name="sun_direction" value="0.3 0.5 0.4"/></emitter>)") - d), 0.005);
+  EXPECT_LT(
+      length(brightest(R"(<emitter type="sunsky"><vector name="sun_direction" value="0.3 0.5 0.4"/></emitter>)") - d),
+      0.005);
   // z up turned to y up; the direction is in world space.
-  EXPECT_LT(length(brightest(R"(<emitter type="sunsky"><vector name="sun_direction" value="0.3 0.5 0.4"/><transform name="to_world"><rotate x="1" angle="-90"/></transform></emitter>)") - d), 0.005);
-  EXPECT_LT(length(brightest(R"(<emitter type="sunsky"><vector name="sunDirection" value="0.3 0.5 0.4"/></emitter>)", "0.6.0") - d), 0.005);
+  EXPECT_LT(
+      length(
+          brightest(
+              R"(<emitter type="sunsky"><vector name="sun_direction" value="0.3 0.5 0.4"/><transform name="to_world"><rotate x="1" angle="-90"/></transform></emitter>)") -
+          d),
+      0.005);
+  EXPECT_LT(length(brightest(R"(<emitter type="sunsky"><vector name="sunDirection" value="0.3 0.5 0.4"/></emitter>)",
+                             "0.6.0") -
+                   d),
+            0.005);
   // 0.6 has north along -z; on a July noon in Tokyo the sun stands south, high up.
   const Vec3d noon = brightest(R"(<emitter type="sunsky"><float name="hour" value="11.8"/></emitter>)", "0.6.0");
   EXPECT_GT(noon.z, 0.15);
@@ -852,7 +1018,10 @@ TEST(SunSky, EmittersPlaceTheSun) {
 TEST(MitsubaSensors, FieldOfViewAlongAnyAxis) {
   Folder folder;
   const auto fov = [&](const std::string& inner, int width = 200, int height = 100) {
-    const Scene s = folder.load(fmt::format("<sensor type=\"perspective\">{}<film type=\"hdrfilm\"><integer name=\"width\" value=\"{}\"/><integer name=\"height\" value=\"{}\"/></film></sensor>", inner, width, height));
+    const Scene s =
+        folder.load(fmt::format("<sensor type=\"perspective\">{}<film type=\"hdrfilm\"><integer name=\"width\" "
+                                "value=\"{}\"/><integer name=\"height\" value=\"{}\"/></film></sensor>",
+                                inner, width, height));
     EXPECT_TRUE(folder.warnings.empty());
     return s.cameras.at(0);
   };
@@ -867,7 +1036,8 @@ TEST(MitsubaSensors, FieldOfViewAlongAnyAxis) {
   EXPECT_NEAR(degrees(fov(half + R"(<string name="fov_axis" value="larger"/>)")), 60, 1e-4);
   EXPECT_NEAR(degrees(fov(half + R"(<string name="fov_axis" value="smaller"/>)", 100, 200)), 60, 1e-4);
   // x^2 + (x/2)^2 = tan(30)^2
-  EXPECT_NEAR(degrees(fov(half + R"(<string name="fov_axis" value="diagonal"/>)")), 2 * std::atan(std::tan(kPiD / 6) / std::sqrt(1.25)) * 180 / kPiD, 1e-4);
+  EXPECT_NEAR(degrees(fov(half + R"(<string name="fov_axis" value="diagonal"/>)")),
+              2 * std::atan(std::tan(kPiD / 6) / std::sqrt(1.25)) * 180 / kPiD, 1e-4);
   // Mitsuba 3's default of 50 mm on 3:2 film.
   EXPECT_NEAR(degrees(fov("", 300, 200)), 2 * std::atan(36 / 100.0) * 180 / kPiD, 1e-3);
   EXPECT_NEAR(degrees(fov(R"(<string name="focal_length" value="18mm"/>)", 300, 200)), 90, 1e-3);
@@ -876,8 +1046,11 @@ TEST(MitsubaSensors, FieldOfViewAlongAnyAxis) {
 
 TEST(MitsubaSensors, FilmsAndFilters) {
   Folder folder;
-  const auto defaults = [&](const std::string& film) { return folder.load("<sensor type=\"perspective\">" + film + "</sensor>").defaults; };
-  const RenderDefaults d = defaults(R"(<film type="hdrfilm"><integer name="width" value="64"/><integer name="height" value="32"/>
+  const auto defaults = [&](const std::string& film) {
+    return folder.load("<sensor type=\"perspective\">" + film + "</sensor>").defaults;
+  };
+  const RenderDefaults d =
+      defaults(R"(<film type="hdrfilm"><integer name="width" value="64"/><integer name="height" value="32"/>
     <integer name="crop_offset_x" value="8"/><integer name="crop_offset_y" value="4"/><integer name="crop_width" value="16"/><integer name="crop_height" value="10"/>
     <rfilter type="gaussian"><float name="stddev" value="0.75"/></rfilter></film>)");
   EXPECT_EQ(d.crop_x, 8);
@@ -897,7 +1070,8 @@ TEST(MitsubaSensors, FilmsAndFilters) {
 
 TEST(MitsubaSensors, OrthographicScaleIsThePicturesSize) {
   Folder folder;
-  const Scene s = folder.load(R"(<sensor type="orthographic" id="plan"><transform name="to_world"><scale x="1.5" y="1.5"/><lookat target="0, 0, 1" origin="-5, 0, 3" up="0, 0, 1"/></transform>
+  const Scene s = folder.load(
+      R"(<sensor type="orthographic" id="plan"><transform name="to_world"><scale x="1.5" y="1.5"/><lookat target="0, 0, 1" origin="-5, 0, 3" up="0, 0, 1"/></transform>
     <vector name="unused" value="1"/></sensor><sensor type="perspective"><float name="principal_point_offset_x" value="0.25"/><float name="principal_point_offset_y" value="-0.1"/></sensor>)");
   ASSERT_EQ(s.cameras.size(), 2u);
   EXPECT_EQ(s.cameras[0].projection, Projection::kOrthographic);
@@ -918,7 +1092,8 @@ TEST(MitsubaSensors, Integrators) {
   EXPECT_EQ(defaults("<integrator type=\"path\"/>").rr_depth, 5);
   EXPECT_EQ(defaults("<integrator type=\"direct\"/>").max_depth, 2);
   EXPECT_FALSE(defaults("<integrator type=\"volpath\"/>").null_counts_as_bounce);
-  const RenderDefaults nested = defaults(R"(<integrator type="moment"><integrator type="aov"><string name="aovs" value="dd:depth"/>
+  const RenderDefaults nested =
+      defaults(R"(<integrator type="moment"><integrator type="aov"><string name="aovs" value="dd:depth"/>
     <integrator type="path"><integer name="max_depth" value="9"/></integrator></integrator></integrator>)");
   EXPECT_EQ(nested.max_depth, 9);
   EXPECT_EQ(nested.integrator, "path");
@@ -964,32 +1139,35 @@ TEST_P(PublishedScenes, ImportWithTheirParts) {
   EXPECT_TRUE(s.defaults.spp && s.defaults.width && s.defaults.max_depth);
 }
 
-INSTANTIATE_TEST_SUITE_P(Shared, PublishedScenes,
-                         testing::Values(
-                             Published{"mitsuba/bathroom/scene.xml", 856, 592188, 32, 1, 0, 0, 0},
-                             Published{"mitsuba/cornell-box/scene.xml", 8, 36, 8, 1, 0, 0, 0},
-                             Published{"mitsuba/living-room/scene.xml", 65, 143163, 19, 0, 0, 1, 0},
-                             Published{"mitsuba/modern-hall/scene_v0.6.xml", 32, 30927, 21, 13, 0, 0, 0},
-                             Published{"mitsuba/modern-hall/scene_v3.xml", 32, 30927, 21, 13, 0, 0, 1},
-                             Published{"mitsuba/veach-ajar/scene.xml", 22, 382690, 13, 1, 0, 0, 0},
-                             Published{"mitsuba/veach-bidir/scene.xml", 14, 11544, 4, 2, 0, 0, 0},
-                             Published{"mitsuba/veach-mis/scene.xml", 9, 52, 6, 3, 0, 0, 0},
-                             Published{"mitsuba3-tests/scenes/cbox/cbox.xml", 8, 38, 5, 1, 0, 0, 0},
-                             Published{"mitsuba3-tests/scenes/cbox/cbox-rgb.xml", 8, 38, 5, 1, 0, 0, 0},
-                             Published{"mitsuba3-tests/tests/scenes/bsdf_spheres/test_arealight_path.xml", 13, 325126, 13, 1, 0, 0, 0},
-                             Published{"mitsuba3-tests/tests/scenes/instancing/test_instancing_path.xml", 9, 97542, 3, 0, 1, 0, 0},
-                             Published{"mitsuba3-tests/tests/scenes/mesh_attributes/test_mesh_attributes_3_vertex_direct.xml", 1, 528, 1, 0, 1, 0, 4},
-                             Published{"mitsuba3-tests/tests/scenes/orthographic_sensor/test_orthographic_path.xml", 1, 2, 1, 0, 0, 1, 0},
-                             Published{"mitsuba3-tests/tests/scenes/projector/test_projector_textured_direct.xml", 1, 2, 1, 0, 1, 0, 0},
-                             Published{"mitsuba3-tests/tests/scenes/spot_light/test_spot_direct.xml", 1, 2, 1, 0, 1, 1, 0},
-                             Published{"mitsuba3-tests/tests/scenes/various_shapes/test_various_shapes_path.xml", 9, 32, 1, 0, 0, 1, 1}),
-                         [](const auto& published) { return fmt::format("{}", published.index); });
+INSTANTIATE_TEST_SUITE_P(
+    Shared, PublishedScenes,
+    testing::Values(
+        Published{"mitsuba/bathroom/scene.xml", 856, 592188, 32, 1, 0, 0, 0},
+        Published{"mitsuba/cornell-box/scene.xml", 8, 36, 8, 1, 0, 0, 0},
+        Published{"mitsuba/living-room/scene.xml", 65, 143163, 19, 0, 0, 1, 0},
+        Published{"mitsuba/modern-hall/scene_v0.6.xml", 32, 30927, 21, 13, 0, 0, 0},
+        Published{"mitsuba/modern-hall/scene_v3.xml", 32, 30927, 21, 13, 0, 0, 1},
+        Published{"mitsuba/veach-ajar/scene.xml", 22, 382690, 13, 1, 0, 0, 0},
+        Published{"mitsuba/veach-bidir/scene.xml", 14, 11544, 4, 2, 0, 0, 0},
+        Published{"mitsuba/veach-mis/scene.xml", 9, 52, 6, 3, 0, 0, 0},
+        Published{"mitsuba3-tests/scenes/cbox/cbox.xml", 8, 38, 5, 1, 0, 0, 0},
+        Published{"mitsuba3-tests/scenes/cbox/cbox-rgb.xml", 8, 38, 5, 1, 0, 0, 0},
+        Published{"mitsuba3-tests/tests/scenes/bsdf_spheres/test_arealight_path.xml", 13, 325126, 13, 1, 0, 0, 0},
+        Published{"mitsuba3-tests/tests/scenes/instancing/test_instancing_path.xml", 9, 97542, 3, 0, 1, 0, 0},
+        Published{"mitsuba3-tests/tests/scenes/mesh_attributes/test_mesh_attributes_3_vertex_direct.xml", 1, 528, 1, 0,
+                  1, 0, 4},
+        Published{"mitsuba3-tests/tests/scenes/orthographic_sensor/test_orthographic_path.xml", 1, 2, 1, 0, 0, 1, 0},
+        Published{"mitsuba3-tests/tests/scenes/projector/test_projector_textured_direct.xml", 1, 2, 1, 0, 1, 0, 0},
+        Published{"mitsuba3-tests/tests/scenes/spot_light/test_spot_direct.xml", 1, 2, 1, 0, 1, 1, 0},
+        Published{"mitsuba3-tests/tests/scenes/various_shapes/test_various_shapes_path.xml", 9, 32, 1, 0, 0, 1, 1}),
+    [](const auto& published) { return fmt::format("{}", published.index); });
 
 TEST(PublishedScenePairs, ModernHallIsTheSameInBothDialects) {
   const fs::path folder = shared_scenes() / "mitsuba" / "modern-hall";
   if (!fs::exists(folder)) GTEST_SKIP() << folder << " is not here";
   Warnings warnings;
-  const Scene a = import_scene(folder / "scene_v0.6.xml", {}, warnings), b = import_scene(folder / "scene_v3.xml", {}, warnings);
+  const Scene a = import_scene(folder / "scene_v0.6.xml", {}, warnings),
+              b = import_scene(folder / "scene_v3.xml", {}, warnings);
   ASSERT_EQ(a.shapes.size(), b.shapes.size());
   for (std::size_t i = 0; i < a.shapes.size(); ++i) {
     ASSERT_EQ(a.shapes[i].geometry.index(), b.shapes[i].geometry.index());
@@ -1013,7 +1191,8 @@ TEST(PublishedScenePairs, ModernHallIsTheSameInBothDialects) {
     EXPECT_EQ(a.shapes[i].emission->radiance.mean(), b.shapes[i].emission->radiance.mean());
   }
   const Affine3d m = a.world(a.cameras[0].node, 0), n = b.world(b.cameras[0].node, 0);
-  for (const auto& [p, q] : {std::pair{m.x, n.x}, {m.y, n.y}, {m.z, n.z}, {m.translation, n.translation}}) expect_near(p, q);
+  for (const auto& [p, q] : {std::pair{m.x, n.x}, {m.y, n.y}, {m.z, n.z}, {m.translation, n.translation}})
+    expect_near(p, q);
   EXPECT_EQ(a.cameras[0].fov_x.at(0), b.cameras[0].fov_x.at(0));
 }
 

@@ -10,6 +10,7 @@
 #include "hash.h"
 #include "tempera/frames/files.h"
 #include "tempera/pipeline/materials.h"
+#include "tempera/scene/default_view.h"
 
 namespace tempera {
 
@@ -134,7 +135,6 @@ void settle_clock(const ShotConfig& config, const RenderDefaults& defaults, Fram
 }
 
 int find_camera(const ShotConfig& config, const Scene& scene) {
-  if (scene.cameras.empty()) throw Error(ErrorCode::kBadInput, {scene.source.string()}, "the scene has no camera");
   if (!config.find("camera")) return scene.default_camera;
   const std::string& wanted = config.get_string("camera");
   std::vector<std::string> names;
@@ -361,6 +361,10 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
                 fmt::format("unknown stage \"{}\"; this version has no stages", std::get<std::string>(stages->value)));
   }
 
+  if (scene.cameras.empty()) {
+    add_default_camera(scene);
+    log_warning(fmt::format("{} has no camera: using one that sees everything", scene.source.string()));
+  }
   RenderSettings& s = shot.settings;
   settle_film(config, scene.defaults, s);
   settle_clock(config, scene.defaults, s.clock);
@@ -395,6 +399,10 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   shot.video.display.tone_map = parse_tone_map(config.get_string("video.tone_map"));
   replace_environment(config, shot, scene);
   replace_materials(config, shot, scene);
+  if (!has_light(scene)) {
+    add_default_light(scene);
+    log_warning(fmt::format("{} has no light: adding a dim environment and a directional light", scene.source.string()));
+  }
 
   // Which layers an integrator can write is its own knowledge; ask it before a ray is traced.
   find_integrator(shot.integrator).make(shot.params)->outputs(s);

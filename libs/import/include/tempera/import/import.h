@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Foreign scene files to `Scene`. What a file asks for and we lack becomes a warning; what is wrong in it, an error with
-// its place. Not for shot.toml, which stands above scene files and belongs to the pipeline.
+// Foreign scene files to `Scene`. What a file asks for and we lack becomes a warning; what is wrong in it, an error
+// with its place. Not for shot.toml, which stands above scene files and belongs to the pipeline.
 #include <cstdint>
 #include <filesystem>
 #include <span>
@@ -37,10 +37,9 @@ struct ImporterEntry {
 std::span<const ImporterEntry* const> importers();
 
 /// Reads `file` with the importer of its extension (any case). The result has passed `validate`.
-/// Errors: Error{kUnsupported} for an unknown extension, listing the known ones; Error{kMissingFile} for it and any file it
-/// refers to; Error{kSyntax | kBadInput | kUnknownName | kOutOfRange} at the offending place; Error{kOutOfMemory} beyond
-/// `options.memory_limit`.
-/// Threads: re-entrant; uses parallel loops.
+/// Errors: Error{kUnsupported} for an unknown extension, listing the known ones; Error{kMissingFile} for it and any
+/// file it refers to; Error{kSyntax | kBadInput | kUnknownName | kOutOfRange} at the offending place;
+/// Error{kOutOfMemory} beyond `options.memory_limit`. Threads: re-entrant; uses parallel loops.
 Scene import_scene(const std::filesystem::path& file, const ImportOptions& options, Warnings& warnings);
 
 }  // namespace tempera
