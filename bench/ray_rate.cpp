@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// How much of the ray tracer's speed the path tracer keeps: renders one frame on one thread while recording every ray, then
-// traces the same rays in the same order in a bare loop over the same acceleration structure.
+// How much of the ray tracer's speed the path tracer keeps: renders one frame on one thread while recording every ray,
+// then traces the same rays in the same order in a bare loop over the same acceleration structure.
 //
 //   ray_rate SCENE [--width N] [--spp N] [--repeat N]
 #include <dlfcn.h>
@@ -64,10 +64,14 @@ int main(int argc, char** argv) try {
   int width = 256, spp = 8, repeat = 3;
   for (int i = 1; i < argc; ++i) {
     const std::string a = argv[i];
-    if (i + 1 < argc && a == "--width") width = std::stoi(argv[++i]);
-    else if (i + 1 < argc && a == "--spp") spp = std::stoi(argv[++i]);
-    else if (i + 1 < argc && a == "--repeat") repeat = std::stoi(argv[++i]);
-    else file = a;
+    if (i + 1 < argc && a == "--width")
+      width = std::stoi(argv[++i]);
+    else if (i + 1 < argc && a == "--spp")
+      spp = std::stoi(argv[++i]);
+    else if (i + 1 < argc && a == "--repeat")
+      repeat = std::stoi(argv[++i]);
+    else
+      file = a;
   }
   if (file.empty()) {
     fmt::print(stderr, "usage: ray_rate SCENE [--width N] [--spp N] [--repeat N]\n");
@@ -134,9 +138,10 @@ int main(int argc, char** argv) try {
     bare = std::min(bare, seconds_of(replay));
   }
   const double n = double(record.size()), samples = double(settings.width) * settings.height * spp;
-  fmt::print("{{\"scene\": \"{}\", \"rays\": {}, \"rays_per_sample\": {:.2f}, \"path_mrays\": {:.3f}, \"bare_mrays\": {:.3f}, "
-             "\"ratio\": {:.3f}, \"msamples\": {:.3f}}}\n",
-             file, record.size(), n / samples, n / in_path * 1e-6, n / bare * 1e-6, bare / in_path, samples / in_path * 1e-6);
+  fmt::print(
+      "{{\"scene\": \"{}\", \"rays\": {}, \"rays_per_sample\": {:.2f}, \"path_mrays\": {:.3f}, \"bare_mrays\": {:.3f}, "
+      "\"ratio\": {:.3f}, \"msamples\": {:.3f}}}\n",
+      file, record.size(), n / samples, n / in_path * 1e-6, n / bare * 1e-6, bare / in_path, samples / in_path * 1e-6);
 } catch (const Error& e) {
   fmt::print(stderr, "{}\n", e.what());
   return exit_status(e.code());

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Time of what a path tracer asks of shading at each hit: making a Bsdf, evaluating and sampling it, looking up a texture.
+// Time of what a path tracer asks of shading at each hit: making a Bsdf, evaluating and sampling it, looking up a
+// texture.
 #include <OpenImageIO/imageio.h>
 #include <OpenImageIO/texture.h>
 #include <benchmark/benchmark.h>
@@ -71,7 +72,8 @@ std::filesystem::path test_image() {
   std::vector<std::uint8_t> v(kSize * kSize * 3);
   for (std::size_t i = 0; i < v.size(); ++i) v[i] = std::uint8_t(hash_key(i));
   auto out = OIIO::ImageOutput::create(file.string());
-  if (!out || !out->open(file.string(), {kSize, kSize, 3, OIIO::TypeUInt8}) || !out->write_image(OIIO::TypeUInt8, v.data()))
+  if (!out || !out->open(file.string(), {kSize, kSize, 3, OIIO::TypeUInt8}) ||
+      !out->write_image(OIIO::TypeUInt8, v.data()))
     throw std::runtime_error("cannot write " + file.string());
   out->close();
   return file;
@@ -114,11 +116,13 @@ void lookup_texture_system(benchmark::State& state) {
 
 int main(int argc, char** argv) {
   const auto gold = named_conductor("Au");
-  const Roughness ggx{true, Microfacets::kGgx, 0.2f, 0.2f, true}, beckmann{true, Microfacets::kBeckmann, 0.2f, 0.2f, true};
+  const Roughness ggx{true, Microfacets::kGgx, 0.2f, 0.2f, true},
+      beckmann{true, Microfacets::kBeckmann, 0.2f, 0.2f, true};
   MetallicRoughnessParams opaque;
   opaque.metallic = 0.0f, opaque.roughness = 0.4f;
   MetallicRoughnessParams everything = opaque;
-  everything.metallic = 0.3f, everything.clearcoat = 0.8f, everything.sheen_color = 0.5f, everything.transmission = 0.3f;
+  everything.metallic = 0.3f, everything.clearcoat = 0.8f, everything.sheen_color = 0.5f,
+  everything.transmission = 0.3f;
   const std::pair<const char*, MaterialPtr> materials[] = {
       {"diffuse", make_diffuse(0.5f)},
       {"twosided_diffuse", make_two_sided(make_diffuse(0.5f))},

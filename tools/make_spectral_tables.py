@@ -32,6 +32,7 @@ def main():
     print(f"// Written by tools/make_spectral_tables.py with Mitsuba {mi.__version__}; do not edit. The observer and D65 are the")
     print("// CIE's tables. The conductors are measurements collected in Palik's Handbook of Optical Constants and by CXRO/LLNL,")
     print("// integrated to linear RGB as Mitsuba's rgb variants do.")
+    print("// clang-format off")
     print('#include "spectral_tables.h"\n\nnamespace tempera {\n')
     print("const std::array<CieSample, kCieSamples> kCieObserver{{")
     rows(["{%s, %s, %s}" % tuple(number(float(c)) for c in mi.cie1931_xyz(float(w))) for w in wavelengths], 3)

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Mitsuba 3's own render test on its own scenes: a z-test of every pixel against a converged mean, with the variance that
-// Mitsuba measured. The scenes lie beside the project; without them the tests are skipped.
+// Mitsuba 3's own render test on its own scenes: a z-test of every pixel against a converged mean, with the variance
+// that Mitsuba measured. The scenes lie beside the project; without them the tests are skipped.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -37,7 +37,8 @@ Image render(const Scene& scene, int spp) {
   settings.spp = spp;
   settings.sampler = SamplerKind::kIndependent;
   if (scene.defaults.filter) {
-    settings.filter = PixelFilter(parse_filter(*scene.defaults.filter), float(scene.defaults.filter_radius.value_or(0)));
+    settings.filter =
+        PixelFilter(parse_filter(*scene.defaults.filter), float(scene.defaults.filter_radius.value_or(0)));
   }
   settings.clock.shutter = {.open = 0, .close = 0};
   Params params(find_integrator("path").params);
@@ -65,7 +66,8 @@ double accepted(const Image& ours, const Image& reference, const Image& variance
   double passed = 0;
   for (int y = 0; y < ours.height(); ++y) {
     for (int x = 0; x < ours.width(); ++x) {
-      const Rgb a = to_xyz(ours.rgb(x, y) * (1 + bias)), b = to_xyz(reference.rgb(x, y)), v = to_xyz(variance.rgb(x, y));
+      const Rgb a = to_xyz(ours.rgb(x, y) * (1 + bias)), b = to_xyz(reference.rgb(x, y)),
+                v = to_xyz(variance.rgb(x, y));
       for (int c = 0; c < 3; ++c) {
         const double z = std::abs(double(a[c]) - b[c]) * std::sqrt(spp / std::max(double(v[c]), 1e-4));
         passed += std::erfc(z / std::sqrt(2.0)) > alpha;
@@ -96,14 +98,18 @@ TEST_P(MitsubaReference, PixelsAgree) {
 
 INSTANTIATE_TEST_SUITE_P(
     Scenes, MitsubaReference,
-    testing::Values(ReferenceCase{"orthographic_sensor/test_orthographic_path.xml", "orthographic_sensor/refs/test_orthographic_ref_rgb"},
-                    ReferenceCase{"projector/test_projector_textured_direct.xml", "projector/refs/test_projector_textured_ref_rgb"},
-                    ReferenceCase{"mesh_attributes/test_mesh_attributes_3_vertex_direct.xml", "mesh_attributes/refs/test_mesh_attributes_3_vertex_ref_rgb"},
+    testing::Values(ReferenceCase{"orthographic_sensor/test_orthographic_path.xml",
+                                  "orthographic_sensor/refs/test_orthographic_ref_rgb"},
+                    ReferenceCase{"projector/test_projector_textured_direct.xml",
+                                  "projector/refs/test_projector_textured_ref_rgb"},
+                    ReferenceCase{"mesh_attributes/test_mesh_attributes_3_vertex_direct.xml",
+                                  "mesh_attributes/refs/test_mesh_attributes_3_vertex_ref_rgb"},
                     ReferenceCase{"bsdf_spheres/test_arealight_path.xml", "bsdf_spheres/refs/test_arealight_ref_rgb"},
                     ReferenceCase{"instancing/test_instancing_path.xml", "instancing/refs/test_instancing_ref_rgb"},
                     ReferenceCase{"spot_light/test_spot_direct.xml", "spot_light/refs/test_spot_ref_rgb"},
                     // Its signed distance grid is out of scope and left out: some 0.06 % of the pixels.
-                    ReferenceCase{"various_shapes/test_various_shapes_path.xml", "various_shapes/refs/test_various_shapes_ref_rgb"}));
+                    ReferenceCase{"various_shapes/test_various_shapes_path.xml",
+                                  "various_shapes/refs/test_various_shapes_ref_rgb"}));
 
 }  // namespace
 }  // namespace tempera

@@ -31,7 +31,8 @@ Rendered render(const std::string& name, int number, const std::vector<std::stri
   return r;
 }
 
-// The cards: |x|, |y| <= 0.8 at z = 0, seen from (0, 0, 5) with 40 degrees, 24 frames per second; scenes/tests says how they move.
+// The cards: |x|, |y| <= 0.8 at z = 0, seen from (0, 0, 5) with 40 degrees, 24 frames per second; scenes/tests says how
+// they move.
 constexpr int kSide = 64;
 constexpr double kDegree = kPiD / 180;
 double pixels_per_metre(double fov = 40 * kDegree) { return kSide / 2 / std::tan(fov / 2) / 5; }
@@ -70,7 +71,12 @@ void expect_motion(const Rendered& r, F&& wanted, double half_width, double tole
 TEST(MotionVectors, TranslatingCard) {
   const Rendered r = render("tests/card_translate.gltf", 2, kVectors);
   const double f = pixels_per_metre();
-  expect_motion(r, [&](int, int, int d) { return Vec2d{0.5 / 24 * f * d, -0.25 / 24 * f * d}; }, 0.6, 1e-4);
+  expect_motion(
+      r,
+      [&](int, int, int d) {
+        return Vec2d{0.5 / 24 * f * d, -0.25 / 24 * f * d};
+      },
+      0.6, 1e-4);
   const Image& motion = r.frame.layer("motion.forward");
   EXPECT_EQ(r.frame.layer("object_id").at(1, 1), 0.0f);
   EXPECT_NEAR(motion.at(1, 1, 0), 0, 1e-4) << "nothing is there, and the camera is at rest";
@@ -80,27 +86,34 @@ TEST(MotionVectors, TranslatingCard) {
 TEST(MotionVectors, RotatingCard) {
   const Rendered r = render("tests/card_rotate.gltf", 12, kVectors);
   const double f = pixels_per_metre();
-  expect_motion(r, [&](int x, int y, int d) {
-    const Vec2d w = world(x, y);
-    const double a = d * 90 * kDegree / 24;
-    const Vec2d to{w.x * std::cos(a) - w.y * std::sin(a), w.x * std::sin(a) + w.y * std::cos(a)};
-    return Vec2d{(to.x - w.x) * f, -(to.y - w.y) * f};
-  }, 0.5, 0.5 * 90 * kDegree / 24 * 1.5);
+  expect_motion(
+      r,
+      [&](int x, int y, int d) {
+        const Vec2d w = world(x, y);
+        const double a = d * 90 * kDegree / 24;
+        const Vec2d to{w.x * std::cos(a) - w.y * std::sin(a), w.x * std::sin(a) + w.y * std::cos(a)};
+        return Vec2d{(to.x - w.x) * f, -(to.y - w.y) * f};
+      },
+      0.5, 0.5 * 90 * kDegree / 24 * 1.5);
 }
 
 TEST(MotionVectors, ZoomingCamera) {
   const Rendered r = render("tests/card_zoom.gltf", 12, kVectors);
   const auto fov = [](int frame) { return (40 - 10.0 * frame / 24) * kDegree; };
-  expect_motion(r, [&](int x, int y, int d) {
-    const double scale = std::tan(fov(12) / 2) / std::tan(fov(12 + d) / 2) - 1;
-    return Vec2d{(x + 0.5 - kSide / 2) * scale, (y + 0.5 - kSide / 2) * scale};
-  }, 0.6, 0.02);
+  expect_motion(
+      r,
+      [&](int x, int y, int d) {
+        const double scale = std::tan(fov(12) / 2) / std::tan(fov(12 + d) / 2) - 1;
+        return Vec2d{(x + 0.5 - kSide / 2) * scale, (y + 0.5 - kSide / 2) * scale};
+      },
+      0.6, 0.02);
 }
 
 TEST(MotionBlur, EdgesOfAMovingCardAreRamps) {
   // One frame of one second: the card travels 0.5 m to the right and 0.25 m up.
-  const Rendered r = render("tests/card_translate.gltf", 0, {"film.resolution=64x64", "film.crop=0,32,64,1", "sampling.spp=1024",
-                                                              "fps=1", "shutter.open=0", "shutter.close=1"});
+  const Rendered r = render("tests/card_translate.gltf", 0,
+                            {"film.resolution=64x64", "film.crop=0,32,64,1", "sampling.spp=1024", "fps=1",
+                             "shutter.open=0", "shutter.close=1"});
   const Image& color = r.frame.layer("color");
   const double f = pixels_per_metre();
   // Coverage of pixel columns in the middle rows: the share of time and width in which the card is there.
@@ -131,35 +144,40 @@ TEST(Furnace, EveryPixelIsOne) {
 }
 
 TEST(Layers, PartsOfADecompositionAddUpToColor) {
-  const Rendered r = render("tests/cornell_glass.xml", 0, {"film.resolution=48x48", "sampling.spp=16", "decompose.direct=ED",
-                                                            "decompose.caustic=ED[RT]+", "decompose.mirror=E[RT]+D"});
+  const Rendered r = render("tests/cornell_glass.xml", 0,
+                            {"film.resolution=48x48", "sampling.spp=16", "decompose.direct=ED",
+                             "decompose.caustic=ED[RT]+", "decompose.mirror=E[RT]+D"});
   const Image& color = r.frame.layer("color");
   double largest_part = 0;
   for (int y = 0; y < color.height(); ++y) {
     for (int x = 0; x < color.width(); ++x) {
       Rgb sum;
-      for (const char* part : {"class.caustic.color", "class.direct.color", "class.mirror.color", "class.residual.color"}) {
+      for (const char* part :
+           {"class.caustic.color", "class.direct.color", "class.mirror.color", "class.residual.color"}) {
         sum += r.frame.layer(part).rgb(x, y);
         largest_part = std::max(largest_part, double(r.frame.layer("class.mirror.color").at(x, y)));
       }
-      for (int c = 0; c < 3; ++c) ASSERT_NEAR(sum[c], color.rgb(x, y)[c], 2e-6f * std::max(1.0f, color.rgb(x, y)[c])) << x << "," << y;
+      for (int c = 0; c < 3; ++c)
+        ASSERT_NEAR(sum[c], color.rgb(x, y)[c], 2e-6f * std::max(1.0f, color.rgb(x, y)[c])) << x << "," << y;
     }
   }
   EXPECT_GT(largest_part, 0) << "the glass sphere shows something";
 }
 
 TEST(Layers, HalvesAverageToColorAndVarianceIsTheirs) {
-  const Rendered r = render("tests/cornell.xml", 0, {"film.resolution=48x48", "sampling.spp=64", "sampling.sampler=independent",
-                                                      "output.layers=halves,color.var,samples"});
+  const Rendered r = render("tests/cornell.xml", 0,
+                            {"film.resolution=48x48", "sampling.spp=64", "sampling.sampler=independent",
+                             "output.layers=halves,color.var,samples"});
   const Image &color = r.frame.layer("color"), &a = r.frame.layer("color.a"), &b = r.frame.layer("color.b");
-  // a - b of two independent halves has four times the variance of their mean. Averaged as ratios: a sum of variances would
-  // be that of the few pixels at the edge of the light.
+  // a - b of two independent halves has four times the variance of their mean. Averaged as ratios: a sum of variances
+  // would be that of the few pixels at the edge of the light.
   double ratio = 0;
   int count = 0;
   for (int y = 0; y < 48; ++y) {
     for (int x = 0; x < 48; ++x) {
       for (int c = 0; c < 3; ++c) {
-        ASSERT_NEAR(0.5f * (a.at(x, y, c) + b.at(x, y, c)), color.at(x, y, c), 1e-5f * std::max(1.0f, color.at(x, y, c)));
+        ASSERT_NEAR(0.5f * (a.at(x, y, c) + b.at(x, y, c)), color.at(x, y, c),
+                    1e-5f * std::max(1.0f, color.at(x, y, c)));
         const double variance = r.frame.layer("color.var").at(x, y, c);
         if (!(variance > 0)) continue;
         ratio += 0.25 * sqr(double(a.at(x, y, c)) - b.at(x, y, c)) / variance;
@@ -173,8 +191,9 @@ TEST(Layers, HalvesAverageToColorAndVarianceIsTheirs) {
 }
 
 TEST(Layers, CryptomatteCoversWhatObjectIdsShow) {
-  const Rendered r = render("tests/cornell_motion.xml", 6, {"film.resolution=64x64", "sampling.spp=32", "shutter.open=0", "shutter.close=0.5",
-                                                             "output.layers=cryptomatte,object_id"});
+  const Rendered r = render("tests/cornell_motion.xml", 6,
+                            {"film.resolution=64x64", "sampling.spp=32", "shutter.open=0", "shutter.close=0.5",
+                             "output.layers=cryptomatte,object_id"});
   const auto manifest = cryptomatte_manifest(r.frame.metadata);
   ASSERT_TRUE(manifest.contains("glass_sphere"));
   Image total(64, 64, 1);
@@ -191,12 +210,14 @@ TEST(Layers, CryptomatteCoversWhatObjectIdsShow) {
     }
   }
   for (int y = 0; y < 64; ++y) {
-    for (int x = 0; x < 64; ++x) ASSERT_NEAR(total.at(x, y), r.frame.layer("color").at(x, y, 3), 1e-5f) << x << "," << y;
+    for (int x = 0; x < 64; ++x)
+      ASSERT_NEAR(total.at(x, y), r.frame.layer("color").at(x, y, 3), 1e-5f) << x << "," << y;
   }
 }
 
 TEST(Layers, OtherProgramsNamesReadBackAsOurs) {
-  const Rendered r = render("tests/cornell.xml", 0, {"film.resolution=16x16", "sampling.spp=2", "output.layers=albedo,normal,depth,motion"});
+  const Rendered r = render("tests/cornell.xml", 0,
+                            {"film.resolution=16x16", "sampling.spp=2", "output.layers=albedo,normal,depth,motion"});
   const auto file = std::filesystem::temp_directory_path() / "tempera_aov_names.exr";
   for (const AovNames names : {AovNames::kBlender, AovNames::kArnold, AovNames::kRenderman, AovNames::kPbrt}) {
     WriteOptions options;

@@ -76,9 +76,7 @@ Bounds3f unit_bounds(Kind kind) {
   return b;
 }
 
-float unit_area(Kind kind) {
-  return kind == Kind::kSphere ? 4 * kPi : kind == Kind::kDisk ? kPi : 2 * kPi;
-}
+float unit_area(Kind kind) { return kind == Kind::kSphere ? 4 * kPi : kind == Kind::kDisk ? kPi : 2 * kPi; }
 
 Vec3f sample(Kind kind, const Vec2f& u) {
   const float phi = 2 * kPi * u.x, c = std::cos(phi), s = std::sin(phi);

@@ -19,8 +19,8 @@ struct UnitHit {
 /// First intersection with tmin < t < tmax of o + t d, or nothing. Solved in double: callers hold float rays.
 std::optional<UnitHit> intersect(Kind kind, const Vec3d& o, const Vec3d& d, double tmin, double tmax);
 
-/// Position, outward unit normal and derivatives at (u, v), all in unit space. Near the poles of the sphere (and the center
-/// of the disk) the derivatives with respect to the angle vanish.
+/// Position, outward unit normal and derivatives at (u, v), all in unit space. Near the poles of the sphere (and the
+/// center of the disk) the derivatives with respect to the angle vanish.
 struct UnitPoint {
   Vec3f p, n, dpdu, dpdv, dndu, dndv;
 };

@@ -16,7 +16,9 @@ AffineKnot decompose(const Affine3d& m) {
   const Basis other{Vec3f(q0)};
   const Vec3d q1 = unit_or(y, normalize(Vec3d(other.s) - q0 * dot(q0, Vec3d(other.s))));
   const Vec3d q2 = cross(q0, q1);
-  const auto away_from_zero = [&](double s) { return std::abs(s) < 1e-6 * largest ? std::copysign(1e-6 * largest, s) : s; };
+  const auto away_from_zero = [&](double s) {
+    return std::abs(s) < 1e-6 * largest ? std::copysign(1e-6 * largest, s) : s;
+  };
   AffineKnot k;
   k.q = [&] {
     const Quatd q = quaternion(Affine3d{q0, q1, q2});
@@ -39,8 +41,8 @@ Affine3f compose(const AffineKnot& k) {
 }
 
 Affine3f interpolate(const AffineKnot& a, const AffineKnot& b, float s) {
-  return compose({slerp(a.q, b.q, s), lerp(a.scale, b.scale, s), lerp(a.skew, b.skew, s),
-                  lerp(a.translation, b.translation, s)});
+  return compose(
+      {slerp(a.q, b.q, s), lerp(a.scale, b.scale, s), lerp(a.skew, b.skew, s), lerp(a.translation, b.translation, s)});
 }
 
 Affine3f interpolate_derivative(const AffineKnot& a, const AffineKnot& b, float s) {

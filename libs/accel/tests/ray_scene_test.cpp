@@ -18,7 +18,8 @@ Mesh bumpy_sphere(int rings = 24, int sectors = 32) {
   Mesh m;
   for (int j = 0; j <= rings; ++j) {
     for (int i = 0; i <= sectors; ++i) {
-      const float theta = kPi * (float(j) + 0.001f) / (float(rings) + 0.002f), phi = 2 * kPi * float(i) / float(sectors);
+      const float theta = kPi * (float(j) + 0.001f) / (float(rings) + 0.002f),
+                  phi = 2 * kPi * float(i) / float(sectors);
       const Vec3f n{std::sin(theta) * std::cos(phi), std::cos(theta), std::sin(theta) * std::sin(phi)};
       m.positions.push_back(n * (1 + 0.2f * std::sin(5 * theta) * std::cos(3 * phi)));
       m.normals.push_back(n);
@@ -72,7 +73,8 @@ Scene everything_moves() {
   b.add(bumpy_sphere(), rigid);
   b.add(bumpy_sphere(), nested);
   b.add(bumpy_sphere(), fixed);
-  b.add(Sphere{Affine3f(scale(Vec3f{1, 0.6f, 0.8f}))}, b.node(turning({1, 0, 0}, 2, {0, -4, 0}, {1, -4, 0}, {1, 1, 1}, {1, 1, 1})));
+  b.add(Sphere{Affine3f(scale(Vec3f{1, 0.6f, 0.8f}))},
+        b.node(turning({1, 0, 0}, 2, {0, -4, 0}, {1, -4, 0}, {1, 1, 1}, {1, 1, 1})));
   b.add(Cylinder{}, b.node(turning({1, 0, 1}, 2, {4, 4, 0}, {4, 3, 0}, {1, 1, 1}, {1, 1, 1})));
   b.add(Disk{}, b.node(turning({1, 0, 1}, 2, {-4, 4, 0}, {-4, 4, 1}, {1, 1, 1}, {1, 1, 1})));
   Mesh morph = bumpy_sphere();
@@ -168,7 +170,8 @@ TEST(RayScene, VelocitiesMatchFiniteDifferences) {
     if (!hit) continue;
     const double h = 1.0 / 64;
     const SurfaceMotion m = rays.motion(hit->point, ray.time);
-    const Vec3f dp = (rays.position(hit->point, ray.time + h) - rays.position(hit->point, ray.time - h)) * float(0.5 / h);
+    const Vec3f dp =
+        (rays.position(hit->point, ray.time + h) - rays.position(hit->point, ray.time - h)) * float(0.5 / h);
     EXPECT_LT(length(m.dpdt - dp), 2e-3f * (1 + length(dp))) << "shape " << hit->point.shape;
     const auto normal = [&](double t) { return rays.shading_point(hit->point, t, {0, 0, 1}).frame.n; };
     const Vec3f dn = (normal(ray.time + h) - normal(ray.time - h)) * float(0.5 / h);

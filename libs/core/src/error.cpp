@@ -25,17 +25,24 @@ std::string SourceLoc::str() const {
 
 int exit_status(ErrorCode code) {
   switch (code) {
-    case ErrorCode::kFailed: return 1;
-    case ErrorCode::kUsage: return 2;
+    case ErrorCode::kFailed:
+      return 1;
+    case ErrorCode::kUsage:
+      return 2;
     case ErrorCode::kSyntax:
     case ErrorCode::kBadInput:
     case ErrorCode::kUnknownName:
     case ErrorCode::kOutOfRange:
-    case ErrorCode::kUnsupported: return 3;
-    case ErrorCode::kMissingFile: return 4;
-    case ErrorCode::kOutOfMemory: return 5;
-    case ErrorCode::kDiffers: return 6;
-    case ErrorCode::kCancelled: return 130;
+    case ErrorCode::kUnsupported:
+      return 3;
+    case ErrorCode::kMissingFile:
+      return 4;
+    case ErrorCode::kOutOfMemory:
+      return 5;
+    case ErrorCode::kDiffers:
+      return 6;
+    case ErrorCode::kCancelled:
+      return 130;
   }
   return 1;
 }

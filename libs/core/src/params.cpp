@@ -35,17 +35,20 @@ const ParamSpec& Params::spec(const std::string& name, const SourceLoc& loc) con
 
 void Params::set(const std::string& name, ParamValue value, const SourceLoc& loc) {
   const ParamSpec& s = spec(name, loc);
-  if (std::holds_alternative<double>(s.fallback) && std::holds_alternative<int>(value)) value = double(std::get<int>(value));
+  if (std::holds_alternative<double>(s.fallback) && std::holds_alternative<int>(value))
+    value = double(std::get<int>(value));
   if (value.index() != s.fallback.index()) {
-    throw Error(ErrorCode::kBadInput, loc,
-                fmt::format("{} = {} is a {}; expected a {}", name, to_text(value), type_name(value), type_name(s.fallback)));
+    throw Error(
+        ErrorCode::kBadInput, loc,
+        fmt::format("{} = {} is a {}; expected a {}", name, to_text(value), type_name(value), type_name(s.fallback)));
   }
   if (const auto* text = std::get_if<std::string>(&value); text && !s.choices.empty()) {
     bool known = false;
     for (const auto& c : s.choices) known |= c == *text;
     if (!known) {
-      throw Error(ErrorCode::kUnknownName, loc,
-                  fmt::format("{} = \"{}\" is not known; one of: {}", name, *text, nearest_names(*text, s.choices, 32)));
+      throw Error(
+          ErrorCode::kUnknownName, loc,
+          fmt::format("{} = \"{}\" is not known; one of: {}", name, *text, nearest_names(*text, s.choices, 32)));
     }
   }
   double number = 0;
@@ -53,7 +56,8 @@ void Params::set(const std::string& name, ParamValue value, const SourceLoc& loc
   if (const auto* d = std::get_if<double>(&value)) number = *d;
   const bool numeric = value.index() == 1 || value.index() == 2;
   if (numeric && !(number >= s.min && number <= s.max)) {
-    const std::string range = s.max < 1e300 ? fmt::format("between {} and {}", s.min, s.max) : fmt::format("at least {}", s.min);
+    const std::string range =
+        s.max < 1e300 ? fmt::format("between {} and {}", s.min, s.max) : fmt::format("at least {}", s.min);
     throw Error(ErrorCode::kOutOfRange, loc, fmt::format("{} = {} is out of range; must be {}", name, number, range));
   }
   values_[name] = std::move(value);

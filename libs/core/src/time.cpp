@@ -14,7 +14,8 @@ namespace tempera {
 
 double Shutter::warp(double u) const {
   switch (shape) {
-    case ShutterShape::kBox: return u;
+    case ShutterShape::kBox:
+      return u;
     case ShutterShape::kTrapezoid: {  // area: ramps count half
       const double a = std::clamp(ramp_in, 0.0, 1.0), b = std::clamp(ramp_out, 0.0, 1.0 - a);
       const double total = 1 - 0.5 * (a + b), y = u * total;
@@ -84,7 +85,8 @@ std::vector<int> parse_frame_set(std::string_view text) {
       if (!rest.empty() && (rest.front() == 'x' || rest.front() == ':')) {
         rest.remove_prefix(1);
         step = parse_int(rest, text);
-        if (step < 1) throw Error(ErrorCode::kUsage, fmt::format("frame step {} in \"{}\" must be at least 1", step, text));
+        if (step < 1)
+          throw Error(ErrorCode::kUsage, fmt::format("frame step {} in \"{}\" must be at least 1", step, text));
       }
     }
     if (last < first) {

@@ -100,7 +100,8 @@ TEST(Basis, IsOrthonormalForAllNormals) {
 }
 
 TEST(Params, ReportsNameTypeAndRange) {
-  const std::vector<ParamSpec> table{{"spp", 16, "samples", 1, 1e6}, {"filter", std::string("box"), "filter", 0, 0, {"box", "tent"}}};
+  const std::vector<ParamSpec> table{{"spp", 16, "samples", 1, 1e6},
+                                     {"filter", std::string("box"), "filter", 0, 0, {"box", "tent"}}};
   Params p(table);
   p.set_text("spp", "64");
   EXPECT_EQ(p.get_int("spp"), 64);
@@ -123,7 +124,10 @@ TEST(Params, ReportsNameTypeAndRange) {
 TEST(Parallel, VisitsEveryIndexOnceWithMoreThreadsThanCores) {
   for (const int threads : {1, 2, 7}) {
     std::vector<std::atomic<int>> hits(10000);
-    with_threads(threads, [&] { parallel_for(0, 10000, [&](std::int64_t i) { ++hits[std::size_t(i)]; }, 16); });
+    with_threads(threads, [&] {
+      parallel_for(
+          0, 10000, [&](std::int64_t i) { ++hits[std::size_t(i)]; }, 16);
+    });
     for (const auto& h : hits) EXPECT_EQ(h, 1);
   }
 }

@@ -4,11 +4,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <functional>
+#include <compare>
 #include <map>
-#include <tuple>
 
 #include "catalog.h"
 #include "gltf_animation.h"

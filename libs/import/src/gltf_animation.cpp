@@ -138,7 +138,7 @@ Track GltfAnimations::read_track(const Json& channel, const Json& samplers, cons
     }
   }
   if (no_data && track.times.size() > 1) {
-    track.times.resize(1);
+    track.times.erase(track.times.begin() + 1, track.times.end());
     track.values.resize(track.width * (cubic ? 3 : 1));
   }
   return track;

@@ -4,9 +4,8 @@
 // through this has been checked against the bytes that are there; nothing is allocated for more elements than a file
 // can hold.
 //
-// DEVIATION from the plan to use Debian's tiny_gltf 2.7: it reports errors without a place, reads many properties
-// without checking their types or ranges (indices of nodes, textures and buffer views are used unchecked), and gives
-// each extension as an untyped copy. Reading the JSON ourselves is less code than checking behind its back.
+// Why not tiny_gltf, which Debian has: its errors carry no place, it uses indices of nodes, textures and buffer views without
+// checking them, and it hands out extensions as untyped copies. Reading the JSON takes less code than checking behind it.
 #include <cstdint>
 #include <filesystem>
 #include <optional>

@@ -18,16 +18,18 @@ namespace tempera {
 
 namespace {
 
-constexpr int kMaxVertices = 4096;   // surfaces visited by one path, passed masks included: ends endless light traps
+constexpr int kMaxVertices = 4096;     // surfaces visited by one path, passed masks included: ends endless light traps
 constexpr float kMaxContinue = 0.95f;  // survival probability of Russian roulette, at most
 
 const std::vector<ParamSpec> kParams = {
     {"max_depth", -1, "path edges at most: 1 shows lights only, 2 adds direct light; -1: no limit", -1, 4096},
     {"rr_depth", 5, "path edges after which Russian roulette starts", 1, 4096},
-    {"clamp", 0.0, "largest luminance that one sample may add through scattered light; 0: off (clamping is biased)", 0, 1e9},
+    {"clamp", 0.0, "largest luminance that one sample may add through scattered light; 0: off (clamping is biased)", 0,
+     1e9},
     {"hide_emitters", false, "lights are not seen directly by the camera"},
     {"null_counts_as_bounce", false, "passing through a mask uses up one edge, as in Mitsuba"},
-    {"adaptive_error", 0.0, "stop sampling a pixel at this relative error of its mean; 0: off, every pixel gets spp", 0, 1},
+    {"adaptive_error", 0.0, "stop sampling a pixel at this relative error of its mean; 0: off, every pixel gets spp", 0,
+     1},
     {"adaptive_min_spp", 32, "samples that every pixel gets under adaptive sampling", 4, 1e6},
 };
 
@@ -119,16 +121,17 @@ std::vector<LayerDesc> PathIntegrator::outputs(const RenderSettings& settings) c
     }
     result.push_back(desc);
   };
-  static const std::vector<std::string> plain{
-      "color", "color.a", "color.b", "color.var", "albedo", "normal", "depth", "position", "object_id", "uv",
-      "emission", "motion.forward", "motion.backward", "samples", "time"};
+  static const std::vector<std::string> plain{"color",    "color.a",        "color.b",         "color.var", "albedo",
+                                              "normal",   "depth",          "position",        "object_id", "uv",
+                                              "emission", "motion.forward", "motion.backward", "samples",   "time"};
   for (const std::string& name : settings.layers) {
     const auto desc = layers::find(name);
     if (!desc || (std::find(plain.begin(), plain.end(), name) == plain.end() && !name.starts_with("CryptoObject"))) {
-      throw Error(ErrorCode::kUnknownName,
-                  fmt::format("the integrator \"path\" cannot write the layer \"{}\"; it can write: {}, CryptoObject00..., "
-                              "and a class.<name>.color for each light-path class",
-                              name, fmt::join(plain, ", ")));
+      throw Error(
+          ErrorCode::kUnknownName,
+          fmt::format("the integrator \"path\" cannot write the layer \"{}\"; it can write: {}, CryptoObject00..., "
+                      "and a class.<name>.color for each light-path class",
+                      name, fmt::join(plain, ", ")));
     }
     if (name.starts_with("CryptoObject")) {
       for (int rank = 0; rank < (settings.cryptomatte_depth + 1) / 2; ++rank) add(layers::crypto(rank));
@@ -161,8 +164,8 @@ float PathIntegrator::transmittance(const FrameContext& context, Ray ray, int ed
   return 0;
 }
 
-/// Groups the events of `f` by the state that they lead to and calls use(state, sum of the group) for each group that is
-/// not black, until it returns false.
+/// Groups the events of `f` by the state that they lead to and calls use(state, sum of the group) for each group that
+/// is not black, until it returns false.
 template <class Use>
 void for_each_state(const LightPathClassifier& classifier, LightPathClassifier::State from,
                     const std::array<Rgb, kEventCount>& f, Use&& use) {
@@ -192,8 +195,8 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
   float beta_roulette = 1;  // throughput before a class was chosen, so that roulette does not depend on the classes
   float eta_product = 1;    // radiance scaling by refraction, taken out of roulette's decision
   LightPathClassifier::State state = classifier.start();
-  float bsdf_pdf = 0;       // density of ray.d at the previous vertex
-  bool mis = false;         // whether next-event estimation could have found what this ray finds
+  float bsdf_pdf = 0;  // density of ray.d at the previous vertex
+  bool mis = false;    // whether next-event estimation could have found what this ray finds
   Vec3f previous = ray.o;
   bool seen_by_camera = true;
   int edges = 1;
@@ -277,8 +280,8 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
             shadow.tmax = distance * (1 - 1e-4f);
           }
           ++result.shadow_rays;
-          const float visible = masks ? transmittance(context, shadow, max_depth_ - edges - 1)
-                                      : (rays.occluded(shadow) ? 0.0f : 1.0f);
+          const float visible =
+              masks ? transmittance(context, shadow, max_depth_ - edges - 1) : (rays.occluded(shadow) ? 0.0f : 1.0f);
           if (visible > 0) {
             const float w = light->delta ? 1.0f : power_heuristic(light->pdf, f.pdf);
             const Rgb le = beta * light->radiance * (visible * w / light->pdf);
@@ -435,8 +438,8 @@ void PathIntegrator::render(const FrameContext& context, const Tile& tile, Frame
       }
     }
   } else {
-    // Passes over the tile, each doubling the samples where a pixel or a neighbour is still too noisy. Only pixels of the
-    // tile are looked at, so that the result does not depend on what else was rendered.
+    // Passes over the tile, each doubling the samples where a pixel or a neighbour is still too noisy. Only pixels of
+    // the tile are looked at, so that the result does not depend on what else was rendered.
     int done = 0;
     std::vector<char> active(pixels.size(), 1);
     while (done < settings.spp) {
@@ -530,8 +533,8 @@ void PathIntegrator::render(const FrameContext& context, const Tile& tile, Frame
   counters.shadow_rays += shadow_count;
 }
 
-/// Object ids and motion vectors: what stands at the pixel's center at the middle of the exposure, and where the same matter
-/// is seen one frame later and earlier.
+/// Object ids and motion vectors: what stands at the pixel's center at the middle of the exposure, and where the same
+/// matter is seen one frame later and earlier.
 void PathIntegrator::write_motion(const FrameContext& context, const Tile& tile, Frame& out) const {
   const RenderSettings& settings = context.settings;
   Image* object_id = out.has("object_id") ? &out.layer("object_id") : nullptr;
@@ -601,7 +604,7 @@ std::unique_ptr<Integrator> make_path(const Params& params) { return std::make_u
 }  // namespace
 
 extern const IntegratorEntry path_entry;
-const IntegratorEntry path_entry{"path", "Path tracing with next-event estimation and multiple importance sampling", kParams,
-                                 make_path};
+const IntegratorEntry path_entry{"path", "Path tracing with next-event estimation and multiple importance sampling",
+                                 kParams, make_path};
 
 }  // namespace tempera

@@ -31,7 +31,8 @@ struct TestShot {
   Shape& add(Geometry g, MaterialPtr material, int node = -1) {
     scene.shapes.push_back({std::move(g), std::move(material), std::nullopt, "", ""});
     scene.groups.push_back({int(scene.shapes.size()) - 1});
-    scene.instances.push_back({int(scene.groups.size()) - 1, node, "shape" + std::to_string(scene.shapes.size()), true});
+    scene.instances.push_back(
+        {int(scene.groups.size()) - 1, node, "shape" + std::to_string(scene.shapes.size()), true});
     return scene.shapes.back();
   }
   /// Orthographic picture of the square [-half, half]^2 in the plane z = 0, seen from +z; x to the right.
@@ -95,7 +96,8 @@ testing::AssertionResult PixelsEstimate(double expected, const Image& image, dou
   const double error = std::sqrt(m2 / (n - 1) / n) + 5e-5 * std::abs(expected);
   const double z = (mean - expected) / error, p = std::erfc(std::abs(z) / std::sqrt(2.0));
   if (p >= alpha) return testing::AssertionSuccess();
-  return testing::AssertionFailure() << "mean " << mean << " +- " << error << ", expected " << expected << ", z = " << z;
+  return testing::AssertionFailure() << "mean " << mean << " +- " << error << ", expected " << expected
+                                     << ", z = " << z;
 }
 
 AnimatedTransform moving(const Vec3d& a, const Vec3d& b, double t0 = -2, double t1 = 2) {
@@ -157,31 +159,32 @@ TEST(Path, AnalyticLightsOnAPlane) {
     light(shot);
     return shot.render().layer("color");
   };
-  EXPECT_TRUE(PixelsEstimate(0.5 * 3 / kPiD * 0.8, plane([](TestShot& shot) {
-    PunctualLight l;
-    l.type = LightType::kDirectional;
-    l.intensity = Rgb(3);
-    l.node = shot.node(Affine3d(look_at(Vec3f{0.6f, 0, 0.8f}, Vec3f{0, 0, 0}, Vec3f{0, 1, 0})));
-    shot.scene.lights = {l};
-  })));
+  EXPECT_TRUE(
+      PixelsEstimate(0.5 * 3 / kPiD * 0.8, plane([](TestShot& shot) {
+                       PunctualLight l;
+                       l.type = LightType::kDirectional;
+                       l.intensity = Rgb(3);
+                       l.node = shot.node(Affine3d(look_at(Vec3f{0.6f, 0, 0.8f}, Vec3f{0, 0, 0}, Vec3f{0, 1, 0})));
+                       shot.scene.lights = {l};
+                     })));
   EXPECT_TRUE(PixelsEstimate(0.5 * 3 / kPiD / 4, plane([](TestShot& shot) {
-    PunctualLight l;
-    l.intensity = Rgb(3);
-    l.node = shot.node(translate(Vec3d{0, 0, 2}));
-    shot.scene.lights = {l};
-  })));
+                               PunctualLight l;
+                               l.intensity = Rgb(3);
+                               l.node = shot.node(translate(Vec3d{0, 0, 2}));
+                               shot.scene.lights = {l};
+                             })));
   EXPECT_TRUE(PixelsEstimate(0.5 * 0.7, plane([](TestShot& shot) {
-    Environment e;
-    e.radiance = Rgb(0.7f);
-    shot.scene.environments = {e};
-  })));
+                               Environment e;
+                               e.radiance = Rgb(0.7f);
+                               shot.scene.environments = {e};
+                             })));
   // The same radiance as a picture: importance sampling and its density must agree.
   EXPECT_TRUE(PixelsEstimate(0.5 * 0.7, plane([](TestShot& shot) {
-    Environment e;
-    e.width = 16, e.height = 8;
-    e.image.assign(128, Rgb(0.7f));
-    shot.scene.environments = {e};
-  })));
+                               Environment e;
+                               e.width = 16, e.height = 8;
+                               e.image.assign(128, Rgb(0.7f));
+                               shot.scene.environments = {e};
+                             })));
   // Disk of radius r at height h, seen from below: irradiance pi L r^2 / (r^2 + h^2).
   const auto disk = [](bool as_sphere) {
     return [as_sphere](TestShot& shot) {
@@ -226,7 +229,8 @@ TEST(Path, ElongatedSphereLightIsSampledByItsArea) {
   EXPECT_TRUE(PixelsEstimate(0.5 / kPiD * irradiance, image));
 }
 
-// An emitting card that crosses a pixel: the mean radiance is the time for which the card covers it, averaged over the pixel.
+// An emitting card that crosses a pixel: the mean radiance is the time for which the card covers it, averaged over the
+// pixel.
 TEST(Path, MovingCardBlursAnalytically) {
   TestShot shot;
   shot.settings.width = 64, shot.settings.height = 4;
@@ -319,9 +323,8 @@ TEST(Path, MotionVectorsOfARotatingCard) {
   AnimatedTransform turn;
   turn.keyed = true;
   const double rate = 0.3;  // radians a frame, counterclockwise
-  turn.rotation = {{-2, 2},
-                   {axis_angle(Vec3d{0, 0, 1}, -2 * rate), axis_angle(Vec3d{0, 0, 1}, 2 * rate)},
-                   Interpolation::kLinear};
+  turn.rotation = {
+      {-2, 2}, {axis_angle(Vec3d{0, 0, 1}, -2 * rate), axis_angle(Vec3d{0, 0, 1}, 2 * rate)}, Interpolation::kLinear};
   shot.add(card, make_diffuse(), shot.node(turn));
   const Image motion = shot.render(0).layer("motion.forward");
   for (int y = 20; y < 44; ++y) {
@@ -386,7 +389,8 @@ TestShot mixed() {
 
 TEST(Path, TilesAndThreadsDoNotChangeABit) {
   TestShot shot = mixed();
-  shot.settings.layers = {"color", "color.a", "color.var", "albedo", "normal", "depth", "CryptoObject00", "motion.forward"};
+  shot.settings.layers = {"color",  "color.a", "color.var",      "albedo",
+                          "normal", "depth",   "CryptoObject00", "motion.forward"};
   shot.settings.classes = {{"diffuse", "ED"}, {"glass", "ET.*"}};
   Frame reference;
   with_threads(1, [&] { reference = shot.render(); });
@@ -394,7 +398,8 @@ TEST(Path, TilesAndThreadsDoNotChangeABit) {
     shot.tile = tile;
     Frame other;
     with_threads(threads, [&] { other = shot.render(); });
-    for (const Layer& layer : reference.layers()) EXPECT_EQ(layer.image, other.layer(layer.desc.name)) << layer.desc.name;
+    for (const Layer& layer : reference.layers())
+      EXPECT_EQ(layer.image, other.layer(layer.desc.name)) << layer.desc.name;
   }
 }
 

@@ -19,7 +19,8 @@ Bounds3f world_bounds(const Scene& scene, double t) {
         const MeshPose pose = mesh->deforms() ? mesh_pose(scene, *mesh, instance.node, t) : MeshPose{};
         const std::size_t stride = std::max<std::size_t>(1, mesh->positions.size() / kVerticesPerMesh);
         for (std::size_t v = 0; v < mesh->positions.size(); v += stride) {
-          bounds.extend(world.point(mesh->deforms() ? posed_position(*mesh, pose, std::uint32_t(v)) : mesh->positions[v]));
+          bounds.extend(
+              world.point(mesh->deforms() ? posed_position(*mesh, pose, std::uint32_t(v)) : mesh->positions[v]));
         }
       } else {
         const Affine3f m = std::visit(
@@ -74,7 +75,8 @@ void add_default_light(Scene& scene) {
   sun.intensity = Rgb(2.0f);
   sun.name = "default light";
   sun.node = int(scene.nodes.size());
-  scene.nodes.push_back({-1, AnimatedTransform(look_at(Vec3d{-0.5, 1, 0.8}, Vec3d{0, 0, 0}, Vec3d{0, 1, 0})), "default light", 1.0f});
+  scene.nodes.push_back(
+      {-1, AnimatedTransform(look_at(Vec3d{-0.5, 1, 0.8}, Vec3d{0, 0, 0}, Vec3d{0, 1, 0})), "default light", 1.0f});
   scene.lights.push_back(sun);
 }
 

@@ -43,7 +43,8 @@ class Validator {
     }
     for (const Shape& s : scene_.shapes) check_shape(s);
     for (const auto& group : scene_.groups) {
-      for (const int s : group) require(s >= 0 && s < int(scene_.shapes.size()), "group", "", "refers to a missing shape");
+      for (const int s : group)
+        require(s >= 0 && s < int(scene_.shapes.size()), "group", "", "refers to a missing shape");
     }
     for (const Instance& i : scene_.instances) {
       require(i.group >= 0 && i.group < int(scene_.groups.size()), "instance", i.name, "refers to a missing group");

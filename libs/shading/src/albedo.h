@@ -7,8 +7,8 @@
 
 namespace tempera {
 
-/// Point i of an additive recurrence in the unit square [Roberts 2018]. Unlike a grid, its points lie on different circles
-/// of the disk that visible normals are drawn from, which resolves GGX's long tail.
+/// Point i of an additive recurrence in the unit square [Roberts 2018]. Unlike a grid, its points lie on different
+/// circles of the disk that visible normals are drawn from, which resolves GGX's long tail.
 inline Vec2f recurrence_point(int i) {
   const double x = 0.5 + 0.7548776662466927 * i, y = 0.5 + 0.5698402909980532 * i;
   return {float(x - std::floor(x)), float(y - std::floor(y))};

@@ -25,7 +25,8 @@ Rgb lobe_albedo(const DiffuseLobe& l, const Vec3f& wo, bool transmitted) {
 }
 Rgb lobe_albedo(const SmoothPlasticLobe& l, const Vec3f& wo, bool transmitted) {
   if (wo.z <= 0 || transmitted) return Rgb(0.0f);
-  return l.reflectance * ((1 - dielectric_interface(wo.z, l.eta).reflectance) * (1 - diffuse_fresnel_reflectance(l.eta)));
+  return l.reflectance *
+         ((1 - dielectric_interface(wo.z, l.eta).reflectance) * (1 - diffuse_fresnel_reflectance(l.eta)));
 }
 Rgb lobe_albedo(const RoughPlasticLobe& l, const Vec3f& wo, bool transmitted) {
   if (wo.z <= 0 || transmitted) return Rgb(0.0f);
@@ -117,7 +118,8 @@ int Bsdf::add_frame(const Basis& frame) {
 }
 
 int Bsdf::add_perturbed_frame(const Basis& frame, int parent) {
-  return frames_.push({frame, std::min(0.125f * tan2(dot(frame.n, frames_[parent].basis.n)), 1.0f), 1, std::int8_t(parent)});
+  return frames_.push(
+      {frame, std::min(0.125f * tan2(dot(frame.n, frames_[parent].basis.n)), 1.0f), 1, std::int8_t(parent)});
 }
 
 int Bsdf::add_flipped_frame(int index) {
@@ -158,9 +160,12 @@ float Bsdf::layer_factor(int layer, const Vec3f& wo, const Vec3f& wi) const {
     const Vec3f& n = frames_[l.frame].basis.n;
     const auto albedo = [&](float c) {
       switch (l.albedo) {
-        case BsdfLayer::Albedo::kFresnel: return l.f0 + (l.f90 - l.f0) * schlick_weight(std::abs(c));
-        case BsdfLayer::Albedo::kGgx: return ggx_albedo(c, l.alpha).of(l.f0, l.f90);
-        case BsdfLayer::Albedo::kSheen: return l.f0 * sheen_albedo(std::abs(c), l.alpha);
+        case BsdfLayer::Albedo::kFresnel:
+          return l.f0 + (l.f90 - l.f0) * schlick_weight(std::abs(c));
+        case BsdfLayer::Albedo::kGgx:
+          return ggx_albedo(c, l.alpha).of(l.f0, l.f90);
+        case BsdfLayer::Albedo::kSheen:
+          return l.f0 * sheen_albedo(std::abs(c), l.alpha);
       }
       return 0.0f;
     };

@@ -146,7 +146,8 @@ class Bump final : public Perturbed {
 
  protected:
   Vec3f normal(const ShadingPoint& point) const override {
-    // Tangents of the displaced surface [Blinn 1978]: dpdu + n dh/du, with dpdu projected onto the shading tangent plane.
+    // Tangents of the displaced surface [Blinn 1978]: dpdu + n dh/du, with dpdu projected onto the shading tangent
+    // plane.
     const Vec2f slope = height_->scalar_gradient(point) * scale_;
     const Vec3f& n = point.frame.n;
     const Vec3f du = point.dpdu + n * (slope.x - dot(n, point.dpdu));

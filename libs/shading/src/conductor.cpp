@@ -12,7 +12,8 @@ class Conductor final : public Material {
     const ConductorFresnel fresnel{p_.eta.rgb(point), p_.k.rgb(point), p_.specular_reflectance.rgb(point)};
     const int frame = frame_of(point, bsdf);
     if (p_.roughness.rough)
-      bsdf.add(frame, MicrofacetReflectionLobe<ConductorFresnel>{microfacet_of(p_.roughness, point), fresnel}, weight, weight);
+      bsdf.add(frame, MicrofacetReflectionLobe<ConductorFresnel>{microfacet_of(p_.roughness, point), fresnel}, weight,
+               weight);
     else
       bsdf.add(frame, MirrorLobe<ConductorFresnel>{fresnel}, weight, weight);
   }

@@ -8,7 +8,8 @@ namespace tempera {
 void check_ior(const char* material, float int_ior, float ext_ior) {
   for (const float ior : {int_ior, ext_ior})
     if (!(ior > 0) || !std::isfinite(ior))
-      throw Error(ErrorCode::kOutOfRange, fmt::format("{}: index of refraction {} must be positive and finite", material, ior));
+      throw Error(ErrorCode::kOutOfRange,
+                  fmt::format("{}: index of refraction {} must be positive and finite", material, ior));
 }
 
 namespace {
@@ -21,7 +22,8 @@ class Dielectric final : public Material {
     const int frame = frame_of(point, bsdf);
     const DielectricFresnel fresnel{eta_, p_.specular_reflectance.rgb(point), p_.specular_transmittance.rgb(point)};
     if (p_.roughness.rough && !p_.thin) {
-      bsdf.add(frame, RoughInterfaceLobe<DielectricFresnel>{microfacet_of(p_.roughness, point), fresnel}, weight, weight);
+      bsdf.add(frame, RoughInterfaceLobe<DielectricFresnel>{microfacet_of(p_.roughness, point), fresnel}, weight,
+               weight);
       return;
     }
     const float cosine = cos_wo(point);

@@ -97,15 +97,19 @@ class DecodedImage final : public Image {
     const auto& table = byte_table(srgb);
     const auto gray = [](float v) { return Texel{{v, v, v, 1}}; };
     switch (format) {
-      case TexelFormat::kByte1: return gray(table[bytes[i]]);
+      case TexelFormat::kByte1:
+        return gray(table[bytes[i]]);
       case TexelFormat::kByte4:
         return {{table[bytes[4 * i]], table[bytes[4 * i + 1]], table[bytes[4 * i + 2]], float(bytes[4 * i + 3]) / 255}};
-      case TexelFormat::kHalf1: return gray(half_to_float(halves[i]));
+      case TexelFormat::kHalf1:
+        return gray(half_to_float(halves[i]));
       case TexelFormat::kHalf4:
         return {{half_to_float(halves[4 * i]), half_to_float(halves[4 * i + 1]), half_to_float(halves[4 * i + 2]),
                  half_to_float(halves[4 * i + 3])}};
-      case TexelFormat::kFloat1: return gray(floats[i]);
-      default: return {{floats[4 * i], floats[4 * i + 1], floats[4 * i + 2], floats[4 * i + 3]}};
+      case TexelFormat::kFloat1:
+        return gray(floats[i]);
+      default:
+        return {{floats[4 * i], floats[4 * i + 1], floats[4 * i + 2], floats[4 * i + 3]}};
     }
   }
 
@@ -142,8 +146,8 @@ class DecodedImage final : public Image {
           const double x0 = x * sx, x1 = x0 + sx, y0 = y * sy, y1 = y0 + sy;
           for (int j = int(y0); j < std::min(int(std::ceil(y1)), h); ++j)
             for (int i = int(x0); i < std::min(int(std::ceil(x1)), w); ++i) {
-              const double area = (std::min(x1, i + 1.0) - std::max(x0, double(i))) *
-                                  (std::min(y1, j + 1.0) - std::max(y0, double(j)));
+              const double area =
+                  (std::min(x1, i + 1.0) - std::max(x0, double(i))) * (std::min(y1, j + 1.0) - std::max(y0, double(j)));
               sum = sum + now[std::size_t(j) * std::size_t(w) + std::size_t(i)] * float(area / (sx * sy));
             }
           const std::size_t k = std::size_t(y) * std::size_t(nw) + std::size_t(x);
@@ -196,7 +200,8 @@ class PagedImage final : public Image {
     for (int i = 0; i < count; ++i) {
       OIIO::ImageSpec s;
       if (!cache_->get_imagespec(handle_, nullptr, s, 0, i)) break;
-      pages_.push_back({s.width, s.height, s.tile_width ? s.tile_width : s.width, s.tile_height ? s.tile_height : s.height});
+      pages_.push_back(
+          {s.width, s.height, s.tile_width ? s.tile_width : s.width, s.tile_height ? s.tile_height : s.height});
     }
     if (pages_.empty()) throw Error(ErrorCode::kBadInput, cache_->geterror());
   }
@@ -212,7 +217,8 @@ class PagedImage final : public Image {
     OIIO::TypeDesc type;
     const void* texels = tile ? cache_->tile_pixels(tile, type) : nullptr;
     for (int i = 0; i < w * h; ++i) {
-      const std::size_t at = std::size_t((y % page.tile_height + i / w) * page.tile_width + x % page.tile_width + i % w);
+      const std::size_t at =
+          std::size_t((y % page.tile_height + i / w) * page.tile_width + x % page.tile_width + i % w);
       // A file may break after its header was read: black then, as there is nobody to tell in a lookup.
       out[i] = texels ? decode(texels, type, at * std::size_t(spec_.nchannels)) : Texel{};
     }
@@ -266,8 +272,9 @@ class PagedImage final : public Image {
         continue;
       }
       const float v = type == OIIO::TypeUInt16 ? float(static_cast<const std::uint16_t*>(texels)[at]) * (1.0f / 65535)
-                      : type == OIIO::TypeHalf ? half_to_float(static_cast<const std::uint16_t*>(texels)[at])
-                                               : static_cast<const float*>(texels)[at];  // what the cache makes of all else
+                      : type == OIIO::TypeHalf
+                          ? half_to_float(static_cast<const std::uint16_t*>(texels)[at])
+                          : static_cast<const float*>(texels)[at];  // what the cache makes of all else
       t.c[c] = encoded ? srgb_to_linear(v) : v;
     }
     return t;
@@ -351,14 +358,16 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
   }
   constexpr std::size_t kMost = std::size_t(4) << 30;
   if (bytes > kMost)
-    throw bad(fmt::format("{} x {} pixels inside another file are too many to decode at once", spec.width, spec.height));
+    throw bad(
+        fmt::format("{} x {} pixels inside another file are too many to decode at once", spec.width, spec.height));
 
   // Read row blocks in the file's channels and keep those that count: no second copy of the whole image.
   auto image = std::make_shared<DecodedImage>();
   image->srgb = srgb && is_byte;
   image->reserve(spec.width, spec.height, format);
   const std::size_t n = std::size_t(spec.nchannels), out = std::size_t(channels_of(format));
-  const int block = spec.tile_width ? spec.tile_height : std::clamp(int(std::size_t(1 << 22) / (std::size_t(spec.width) * n)), 1, 64);
+  const int block =
+      spec.tile_width ? spec.tile_height : std::clamp(int(std::size_t(1 << 22) / (std::size_t(spec.width) * n)), 1, 64);
   std::vector<std::uint8_t> byte_row;
   std::vector<float> float_row;
   for (int y = 0; y < spec.height; y += block) {
@@ -370,10 +379,10 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
     else
       float_row.resize(values), target = float_row.data();
     const OIIO::TypeDesc type = is_byte ? OIIO::TypeDesc::UINT8 : OIIO::TypeDesc::FLOAT;
-    const bool ok =
-        spec.tile_width
-            ? input->read_tiles(0, 0, spec.x, spec.x + spec.width, spec.y + y, spec.y + end, 0, 1, 0, spec.nchannels, type, target)
-            : input->read_scanlines(0, 0, spec.y + y, spec.y + end, 0, 0, spec.nchannels, type, target);
+    const bool ok = spec.tile_width
+                        ? input->read_tiles(0, 0, spec.x, spec.x + spec.width, spec.y + y, spec.y + end, 0, 1, 0,
+                                            spec.nchannels, type, target)
+                        : input->read_scanlines(0, 0, spec.y + y, spec.y + end, 0, 0, spec.nchannels, type, target);
     if (!ok) throw bad(input->geterror());
     const std::size_t first = std::size_t(y) * std::size_t(spec.width);
     for (std::size_t i = 0; i < values / n; ++i)
@@ -411,7 +420,8 @@ std::shared_ptr<const Image> load_image(const ImageRequest& request, const Sourc
     key += fmt::format("{}|{}", std::filesystem::weakly_canonical(request.file, ec).string(),
                        ec ? 0 : time.time_since_epoch().count());
   } else {
-    key += fmt::format("{}|{}|{:x}", request.name, request.encoded.size(), std::hash<std::string_view>{}(request.encoded));
+    key +=
+        fmt::format("{}|{}|{:x}", request.name, request.encoded.size(), std::hash<std::string_view>{}(request.encoded));
   }
   const std::lock_guard lock(mutex);
   if (auto image = images[key].lock()) return image;

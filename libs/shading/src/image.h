@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Images that textures look into. They are decoded into memory once, up to a budget; what exceeds it is paged in tiles
-// through OpenImageIO's image cache, with the same results. Measured for scattered bilinear lookups in 1024 x 1024 bytes
-// (bench/shading_bench.cpp): decoded 35 ns, paged 300 ns, OpenImageIO's TextureSystem 120 ns, which would interpolate sRGB
-// before decoding it.
+// through OpenImageIO's image cache, with the same results. Measured for scattered bilinear lookups in 1024 x 1024
+// bytes (bench/shading_bench.cpp): decoded 35 ns, paged 300 ns, OpenImageIO's TextureSystem 120 ns, which would
+// interpolate sRGB before decoding it.
 #include <array>
 #include <cstdint>
 #include <filesystem>
@@ -36,8 +36,8 @@ class Image {
   virtual ~Image();
   int width = 0, height = 0;
   TexelFormat format = TexelFormat::kByte4;
-  bool srgb = false;             ///< colors are sRGB encoded (bytes and pages; others are decoded when they are read)
-  const void* data = nullptr;    ///< [height][width][channels] of level 0, row 0 at the top; null if paged
+  bool srgb = false;           ///< colors are sRGB encoded (bytes and pages; others are decoded when they are read)
+  const void* data = nullptr;  ///< [height][width][channels] of level 0, row 0 at the top; null if paged
   /// Levels 1, 2, ... of halves of size (four linear half floats a texel); empty without mipmapping.
   struct Level {
     int width, height;
@@ -53,10 +53,10 @@ class Image {
 };
 
 struct ImageRequest {
-  std::filesystem::path file;       ///< read this, or `encoded` if it is not empty
+  std::filesystem::path file;  ///< read this, or `encoded` if it is not empty
   std::string_view encoded;
-  std::string name;                 ///< for messages and to recognise the same image again
-  bool auto_encoding = true;        ///< integers are sRGB, floats linear; else `srgb` says
+  std::string name;           ///< for messages and to recognise the same image again
+  bool auto_encoding = true;  ///< integers are sRGB, floats linear; else `srgb` says
   bool srgb = false;
   bool mipmap = false;
 };

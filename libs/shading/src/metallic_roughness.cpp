@@ -2,16 +2,17 @@
 // glTF 2.0 materials [glTF 2.0, Appendix B, and the KHR_materials extensions], from the top:
 //   clearcoat over sheen over mix(dielectric: GGX reflection over mix(diffuse, transmission), metal: GGX reflection).
 // Reflection of dielectric and metal share one lobe, because both Fresnel terms have Schlick's form.
-// DEVIATION [glTF 2.0, B.3.6.3]: the simple mix dims the diffuse base by 1 - F(VdotH), which gains up to a factor of two at
-// grazing angles. Here every layer dims what is below it by min(1 - A(wo), 1 - A(wi)) with its directional albedo A, as
-// KHR_materials_sheen does: reciprocal and never above 1; shown by MetallicRoughness.NeverGainsEnergy.
+// DEVIATION [glTF 2.0, B.3.6.3]: the simple mix dims the diffuse base by 1 - F(VdotH), which gains up to a factor of
+// two at grazing angles. Here every layer dims what is below it by min(1 - A(wo), 1 - A(wi)) with its directional
+// albedo A, as KHR_materials_sheen does: reciprocal and never above 1; shown by MetallicRoughness.NeverGainsEnergy.
 #include "albedo.h"
 #include "material_util.h"
 
 namespace tempera {
 namespace {
 
-constexpr float kSmoothAlpha = 1e-3f;  ///< below it a lobe is a delta: no difference to see, and no float precision left
+constexpr float kSmoothAlpha =
+    1e-3f;  ///< below it a lobe is a delta: no difference to see, and no float precision left
 
 class MetallicRoughness final : public Material {
  public:
@@ -85,7 +86,9 @@ class MetallicRoughness final : public Material {
   int max_layers() const override { return 3; }
 
  private:
-  static bool zero(const Slot& slot) { return !slot.texture && slot.factor.is_constant() && is_black(slot.factor.at(0)); }
+  static bool zero(const Slot& slot) {
+    return !slot.texture && slot.factor.is_constant() && is_black(slot.factor.at(0));
+  }
 
   /// Lobes with their expected shares of the light, which become probabilities once all are known.
   struct Parts {
@@ -137,7 +140,8 @@ class MetallicRoughness final : public Material {
     if (alpha < kSmoothAlpha)
       parts.add(coat_frame, MirrorLobe<SchlickFresnel>{fresnel}, share, above);
     else
-      parts.add(coat_frame, MicrofacetReflectionLobe<SchlickFresnel>{{Microfacets::kGgx, alpha, alpha}, fresnel}, share, above);
+      parts.add(coat_frame, MicrofacetReflectionLobe<SchlickFresnel>{{Microfacets::kGgx, alpha, alpha}, fresnel}, share,
+                above);
     parts.below *= 1 - share;
     return bsdf.add_layer(layer);
   }
@@ -160,7 +164,8 @@ class MetallicRoughness final : public Material {
   void add_interface(const ShadingPoint& point, int frame, float cosine, float alpha, bool volume,
                      const SchlickFresnel& fresnel, const GgxAlbedo& ggx, int layer, Parts& parts) const {
     const bool smooth = alpha < kSmoothAlpha && !has_anisotropy_;
-    const float reflected = smooth ? luminance(fresnel.reflect(cosine)) : luminance(fresnel.f0) * ggx.scale + fresnel.f90 * ggx.bias;
+    const float reflected =
+        smooth ? luminance(fresnel.reflect(cosine)) : luminance(fresnel.f0) * ggx.scale + fresnel.f90 * ggx.bias;
     const float transmitted = luminance(fresnel.transmit(cosine));
     const bool transmits = !is_black(fresnel.transmittance);
     float alpha_t = alpha;
@@ -178,9 +183,10 @@ class MetallicRoughness final : public Material {
       return;
     }
     const Microfacet facets(Microfacets::kGgx, alpha_t, alpha);
-    if (has_anisotropy_ && p_.anisotropy_rotation != 0) frame = rotated(frame, parts.bsdf);
+    if (has_anisotropy_) frame = rotated(frame, point, parts.bsdf);
     if (volume && transmits) {
-      parts.add(frame, RoughInterfaceLobe<SchlickFresnel>{facets, fresnel}, (reflected + transmitted) * parts.below, layer);
+      parts.add(frame, RoughInterfaceLobe<SchlickFresnel>{facets, fresnel}, (reflected + transmitted) * parts.below,
+                layer);
       return;
     }
     if (cosine > 0)
@@ -194,10 +200,18 @@ class MetallicRoughness final : public Material {
     const int root = bsdf.root_frame(frame);
     return dot(bsdf.frame_basis(root).n, point.wo) < 0 ? bsdf.add_flipped_frame(root) : root;
   }
-  /// `frame` turned about its normal, counterclockwise from tangent to bitangent.
-  int rotated(int frame, Bsdf& bsdf) const {
+  /// `frame` with its tangent along the direction of highest roughness: the texture's (or the tangent), turned
+  /// counterclockwise.
+  int rotated(int frame, const ShadingPoint& point, Bsdf& bsdf) const {
+    Vec2f d{1, 0};
+    if (p_.anisotropy_direction) {
+      const Rgb t = p_.anisotropy_direction->rgb(point);
+      const Vec2f v{2 * t.r - 1, 2 * t.g - 1};
+      if (length(v) > 1e-3f) d = v / length(v);
+    }
     const float c = std::cos(p_.anisotropy_rotation), s = std::sin(p_.anisotropy_rotation);
-    return bsdf.add_rotated_frame(frame, {c, s});
+    d = {c * d.x - s * d.y, s * d.x + c * d.y};
+    return d == Vec2f{1, 0} ? frame : bsdf.add_rotated_frame(frame, d);
   }
 
   MetallicRoughnessParams p_;

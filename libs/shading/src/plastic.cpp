@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Smooth and rough plastic: a diffuse base under a dielectric coat. Light that the base scatters is partly reflected back
-// by the coat from inside, again and again; `nonlinear` lets the base's color take part in that series.
-#include <span>
+// Smooth and rough plastic: a diffuse base under a dielectric coat. Light that the base scatters is partly reflected
+// back by the coat from inside, again and again; `nonlinear` lets the base's color take part in that series.
 #include <map>
 #include <mutex>
 #include <numeric>
+#include <span>
 #include <tuple>
 
 #include "material_util.h"
@@ -17,7 +17,8 @@ namespace {
 /// Reflectance or transmittance of a rough interface of relative index eta, for `wo` outside: nodes of a Gauss-Legendre
 /// rule on the unit square are mapped through the sampling of visible normals, whose weight is Fresnel times masking.
 /// Normals come in pairs that mirror each other in the plane of wo, so that half of the square suffices.
-float rough_albedo(const Microfacet& facets, const Vec3f& wo, float eta, bool transmitted, const std::vector<QuadratureNode>& rule) {
+float rough_albedo(const Microfacet& facets, const Vec3f& wo, float eta, bool transmitted,
+                   const std::vector<QuadratureNode>& rule) {
   const bool lateral_is_x = facets.type == Microfacets::kGgx;
   double sum = 0;
   for (std::size_t i = 0; i < rule.size() / 2; ++i)
@@ -41,8 +42,10 @@ float rough_albedo(const Microfacet& facets, const Vec3f& wo, float eta, bool tr
 }
 
 std::shared_ptr<const RoughTransmittance> compute(Microfacets type, float alpha, float eta) {
-  // Total internal reflection makes a kink, so that the inside needs a finer rule; with these the table is exact to 2e-4.
-  const std::vector<QuadratureNode> coarse = gauss_legendre(32), fine = gauss_legendre(type == Microfacets::kGgx ? 128 : 64);
+  // Total internal reflection makes a kink, so that the inside needs a finer rule; with these the table is exact to
+  // 2e-4.
+  const std::vector<QuadratureNode> coarse = gauss_legendre(32),
+                                    fine = gauss_legendre(type == Microfacets::kGgx ? 128 : 64);
   const Microfacet facets(type, alpha, alpha);
   auto table = std::make_shared<RoughTransmittance>();
   std::array<double, RoughTransmittance::kSize> inside{};
@@ -52,7 +55,8 @@ std::shared_ptr<const RoughTransmittance> compute(Microfacets type, float alpha,
     table->external[std::size_t(i)] = rough_albedo(facets, wo, eta, true, eta > 1 ? coarse : fine);
     inside[std::size_t(i)] = double(rough_albedo(facets, wo, 1 / eta, false, eta > 1 ? fine : coarse) * mu);
   });
-  table->internal_reflectance = float(2 * std::accumulate(inside.begin(), inside.end(), 0.0) / RoughTransmittance::kSize);
+  table->internal_reflectance =
+      float(2 * std::accumulate(inside.begin(), inside.end(), 0.0) / RoughTransmittance::kSize);
   return table;
 }
 

@@ -2,6 +2,7 @@
 // Written by tools/make_spectral_tables.py with Mitsuba 3.9.1; do not edit. The observer and D65 are the
 // CIE's tables. The conductors are measurements collected in Palik's Handbook of Optical Constants and by CXRO/LLNL,
 // integrated to linear RGB as Mitsuba's rgb variants do.
+// clang-format off
 #include "spectral_tables.h"
 
 namespace tempera {

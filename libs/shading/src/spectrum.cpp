@@ -22,16 +22,19 @@ struct Named {
 };
 // At 0 to 20 degrees Celsius and about 589 nm [Hecht 2002, "Optics"].
 constexpr std::array<Named, 23> kIors{{
-    {"vacuum", 1.0f}, {"helium", 1.000036f}, {"hydrogen", 1.000132f}, {"air", 1.000277f}, {"carbon dioxide", 1.00045f},
-    {"water", 1.3330f}, {"acetone", 1.36f}, {"ethanol", 1.361f}, {"carbon tetrachloride", 1.461f}, {"glycerol", 1.4729f},
-    {"benzene", 1.501f}, {"silicone oil", 1.52045f}, {"bromine", 1.661f}, {"water ice", 1.31f}, {"fused quartz", 1.458f},
-    {"pyrex", 1.470f}, {"acrylic glass", 1.49f}, {"polypropylene", 1.49f}, {"bk7", 1.5046f}, {"sodium chloride", 1.544f},
-    {"amber", 1.55f}, {"pet", 1.5750f}, {"diamond", 2.419f},
+    {"vacuum", 1.0f},      {"helium", 1.000036f},        {"hydrogen", 1.000132f},
+    {"air", 1.000277f},    {"carbon dioxide", 1.00045f}, {"water", 1.3330f},
+    {"acetone", 1.36f},    {"ethanol", 1.361f},          {"carbon tetrachloride", 1.461f},
+    {"glycerol", 1.4729f}, {"benzene", 1.501f},          {"silicone oil", 1.52045f},
+    {"bromine", 1.661f},   {"water ice", 1.31f},         {"fused quartz", 1.458f},
+    {"pyrex", 1.470f},     {"acrylic glass", 1.49f},     {"polypropylene", 1.49f},
+    {"bk7", 1.5046f},      {"sodium chloride", 1.544f},  {"amber", 1.55f},
+    {"pet", 1.5750f},      {"diamond", 2.419f},
 }};
 
 constexpr int kSteps = 1000;
-/// RGB of value(wavelength), optionally under D65. A sum over 1000 points from end to end weighs each with 1/1000 of the
-/// range, as Mitsuba does: 0.1 % less than the integral.
+/// RGB of value(wavelength), optionally under D65. A sum over 1000 points from end to end weighs each with 1/1000 of
+/// the range, as Mitsuba does: 0.1 % less than the integral.
 template <class F>
 Rgb integrate(F&& value, bool d65) {
   double xyz[3] = {};

@@ -73,22 +73,29 @@ struct Pages {
 float reduce(float u, Wrap wrap) {
   if (!std::isfinite(u)) return 0;
   switch (wrap) {
-    case Wrap::kRepeat: return u - std::floor(u);
-    case Wrap::kMirror: return u - 2 * std::floor(0.5f * u);
-    default: return std::clamp(u, -2.0f, 3.0f);
+    case Wrap::kRepeat:
+      return u - std::floor(u);
+    case Wrap::kMirror:
+      return u - 2 * std::floor(0.5f * u);
+    default:
+      return std::clamp(u, -2.0f, 3.0f);
   }
 }
 /// Texel index for any int; -1 where the image is black.
 int wrap_index(int i, int n, Wrap wrap) {
   switch (wrap) {
-    case Wrap::kRepeat: i %= n; return i < 0 ? i + n : i;
+    case Wrap::kRepeat:
+      i %= n;
+      return i < 0 ? i + n : i;
     case Wrap::kMirror: {
       i %= 2 * n;
       if (i < 0) i += 2 * n;
       return i < n ? i : 2 * n - 1 - i;
     }
-    case Wrap::kClamp: return std::clamp(i, 0, n - 1);
-    case Wrap::kBlack: return i >= 0 && i < n ? i : -1;
+    case Wrap::kClamp:
+      return std::clamp(i, 0, n - 1);
+    case Wrap::kBlack:
+      return i >= 0 && i < n ? i : -1;
   }
   return 0;
 }
@@ -176,7 +183,12 @@ class ImageTexture final : public Texture {
         image_->page_block(level, i0, j0, 2, 2, t);
         return {t[0], t[1], t[2], t[3], x - x0, y - y0};
       }
-    return {texel(level, w, i0, j0), texel(level, w, i1, j0), texel(level, w, i0, j1), texel(level, w, i1, j1), x - x0, y - y0};
+    return {texel(level, w, i0, j0),
+            texel(level, w, i1, j0),
+            texel(level, w, i0, j1),
+            texel(level, w, i1, j1),
+            x - x0,
+            y - y0};
   }
 
   Texel lookup(const ShadingPoint& point) const {
@@ -187,8 +199,10 @@ class ImageTexture final : public Texture {
         return texel(0, w, wrap_index(int(std::floor(uv.x * float(w))), w, p_.wrap_u),
                      wrap_index(int(std::floor(uv.y * float(h))), h, p_.wrap_v));
       }
-      case TextureFilter::kBilinear: return corners(uv, 0).bilinear();
-      case TextureFilter::kMipmap: return filtered(uv, point);
+      case TextureFilter::kBilinear:
+        return corners(uv, 0).bilinear();
+      case TextureFilter::kMipmap:
+        return filtered(uv, point);
     }
     return {};
   }
@@ -196,7 +210,9 @@ class ImageTexture final : public Texture {
   /// Trilinear, with several lookups along the longer axis of the footprint [McCormack 1999].
   Texel filtered(const Vec2f& uv, const ShadingPoint& point) const {
     const UvTransform& m = p_.transform;
-    const auto map = [&](const Vec2f& d) { return Vec2f{m.a * d.x + m.b * d.y, (m.d * d.x + m.e * d.y) * (p_.flip_v ? -1.0f : 1.0f)}; };
+    const auto map = [&](const Vec2f& d) {
+      return Vec2f{m.a * d.x + m.b * d.y, (m.d * d.x + m.e * d.y) * (p_.flip_v ? -1.0f : 1.0f)};
+    };
     Vec2f major = map(point.duv_dx), minor = map(point.duv_dy);
     const Vec2f size{float(image_->width), float(image_->height)};
     const auto texels = [&](const Vec2f& d) { return length(Vec2f{d.x * size.x, d.y * size.y}); };
@@ -220,11 +236,16 @@ class ImageTexture final : public Texture {
 
   float pick(const Texel& t) const {
     switch (p_.channel) {
-      case Channel::kR: return t.c[0];
-      case Channel::kG: return t.c[1];
-      case Channel::kB: return t.c[2];
-      case Channel::kA: return t.c[3];
-      default: return luminance(Rgb{t.c[0], t.c[1], t.c[2]});
+      case Channel::kR:
+        return t.c[0];
+      case Channel::kG:
+        return t.c[1];
+      case Channel::kB:
+        return t.c[2];
+      case Channel::kA:
+        return t.c[3];
+      default:
+        return luminance(Rgb{t.c[0], t.c[1], t.c[2]});
     }
   }
   float inverted(float v) const { return p_.invert ? 1 - v : v; }
@@ -238,8 +259,8 @@ class ImageTexture final : public Texture {
   Source source_;
 };
 
-std::shared_ptr<const Texture> make_texture(const ImageTextureParams& p, std::string_view encoded, const std::string& name,
-                                            const SourceLoc& loc) {
+std::shared_ptr<const Texture> make_texture(const ImageTextureParams& p, std::string_view encoded,
+                                            const std::string& name, const SourceLoc& loc) {
   ImageRequest request;
   request.file = p.file;
   request.encoded = encoded;
@@ -249,13 +270,20 @@ std::shared_ptr<const Texture> make_texture(const ImageTextureParams& p, std::st
   request.mipmap = p.filter == TextureFilter::kMipmap;
   auto image = load_image(request, loc);
   switch (image->format) {
-    case TexelFormat::kByte1: return std::make_shared<ImageTexture<Byte1>>(p, std::move(image));
-    case TexelFormat::kByte4: return std::make_shared<ImageTexture<Byte4>>(p, std::move(image));
-    case TexelFormat::kHalf1: return std::make_shared<ImageTexture<Half1>>(p, std::move(image));
-    case TexelFormat::kHalf4: return std::make_shared<ImageTexture<Half4>>(p, std::move(image));
-    case TexelFormat::kFloat1: return std::make_shared<ImageTexture<Float1>>(p, std::move(image));
-    case TexelFormat::kFloat4: return std::make_shared<ImageTexture<Float4>>(p, std::move(image));
-    case TexelFormat::kPaged: return std::make_shared<ImageTexture<Pages>>(p, std::move(image));
+    case TexelFormat::kByte1:
+      return std::make_shared<ImageTexture<Byte1>>(p, std::move(image));
+    case TexelFormat::kByte4:
+      return std::make_shared<ImageTexture<Byte4>>(p, std::move(image));
+    case TexelFormat::kHalf1:
+      return std::make_shared<ImageTexture<Half1>>(p, std::move(image));
+    case TexelFormat::kHalf4:
+      return std::make_shared<ImageTexture<Half4>>(p, std::move(image));
+    case TexelFormat::kFloat1:
+      return std::make_shared<ImageTexture<Float1>>(p, std::move(image));
+    case TexelFormat::kFloat4:
+      return std::make_shared<ImageTexture<Float4>>(p, std::move(image));
+    case TexelFormat::kPaged:
+      return std::make_shared<ImageTexture<Pages>>(p, std::move(image));
   }
   return nullptr;
 }

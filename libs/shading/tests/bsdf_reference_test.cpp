@@ -84,13 +84,13 @@ std::map<std::string, MaterialPtr> materials(const TemporaryFolder& folder) {
     return make_principled(p);
   };
   m["principled_plain"] = principled([](auto& p) { p.roughness = 0.4f; });
-  m["principled_metal"] = principled(
-      [](auto& p) { p.roughness = 0.3f, p.metallic = 0.8f, p.anisotropic = 0.7f, p.spec_tint = 0.5f; });
+  m["principled_metal"] =
+      principled([](auto& p) { p.roughness = 0.3f, p.metallic = 0.8f, p.anisotropic = 0.7f, p.spec_tint = 0.5f; });
   m["principled_cloth"] = principled([](auto& p) {
     p.roughness = 0.8f, p.flatness = 0.6f, p.sheen = 0.9f, p.sheen_tint = 0.4f, p.eta = eta_of_specular(0.3f);
   });
-  m["principled_coat"] = principled(
-      [](auto& p) { p.roughness = 0.6f, p.clearcoat = 1.0f, p.clearcoat_gloss = 0.3f, p.spec_tint = 0.7f; });
+  m["principled_coat"] =
+      principled([](auto& p) { p.roughness = 0.6f, p.clearcoat = 1.0f, p.clearcoat_gloss = 0.3f, p.spec_tint = 0.7f; });
   m["principled_glass"] = principled([](auto& p) {
     p.roughness = 0.35f, p.spec_trans = 0.8f, p.eta = 1.45f, p.clearcoat = 0.5f, p.clearcoat_gloss = 0.9f;
     p.metallic = 0.1f, p.anisotropic = 0.3f, p.spec_tint = 0.2f;
@@ -128,7 +128,8 @@ std::vector<Row> rows() {
       s >> name;
     } else if (kind == "eval" || kind == "delta") {
       Row r{name, kind == "delta", {}, {}, {}, {}, 0};
-      s >> r.uv.x >> r.uv.y >> r.wo.x >> r.wo.y >> r.wo.z >> r.wi.x >> r.wi.y >> r.wi.z >> r.f.r >> r.f.g >> r.f.b >> r.pdf;
+      s >> r.uv.x >> r.uv.y >> r.wo.x >> r.wo.y >> r.wo.z >> r.wi.x >> r.wi.y >> r.wi.z >> r.f.r >> r.f.g >> r.f.b >>
+          r.pdf;
       EXPECT_TRUE(s) << line;
       out.push_back(r);
     }
@@ -157,10 +158,11 @@ TEST(BsdfReference, ValuesAndDensitiesAreMitsubas) {
     const auto it = known.find(row.bsdf);
     ASSERT_NE(it, known.end()) << row.bsdf;
     const Bsdf bsdf = test::bsdf_of(*it->second, point_of(row));
-    const float tolerance = row.bsdf.find("roughplastic") != std::string::npos || row.bsdf == "twosided" ? 1e-3f : 2e-4f;
+    const float tolerance =
+        row.bsdf.find("roughplastic") != std::string::npos || row.bsdf == "twosided" ? 1e-3f : 2e-4f;
     std::ostringstream what;
-    what << row.bsdf << " wo " << row.wo.x << " " << row.wo.y << " " << row.wo.z << " wi " << row.wi.x << " " << row.wi.y
-         << " " << row.wi.z;
+    what << row.bsdf << " wo " << row.wo.x << " " << row.wo.y << " " << row.wo.z << " wi " << row.wi.x << " "
+         << row.wi.y << " " << row.wi.z;
     ++checked[row.bsdf];
     if (!row.delta) {
       const BsdfEval e = bsdf.eval(row.wo, row.wi);

@@ -55,7 +55,9 @@ const std::vector<Case>& cases() {
     constexpr auto kBeckmann = Microfacets::kBeckmann;
     const Slot half = 0.5f, white = 1.0f;
     const auto mirror = [&](const Roughness& r) { return make_conductor({0.0f, 1.0f, white, r}); };
-    const auto glass = [&](const Roughness& r, float ior = 1.5f) { return make_dielectric({ior, 1, white, white, false, r}); };
+    const auto glass = [&](const Roughness& r, float ior = 1.5f) {
+      return make_dielectric({ior, 1, white, white, false, r});
+    };
     const auto plastic = [&](const Roughness& r, Slot diffuse, bool nonlinear) {
       return make_plastic({1.5f, 1, diffuse, white, nonlinear, r});
     };
@@ -79,7 +81,8 @@ const std::vector<Case>& cases() {
     c.push_back({"plastic_nonlinear", plastic({}, half, true)});
     c.push_back({"rough_plastic_ggx", plastic(rough(0.3f, 0.3f, kGgx), white, true)});
     c.push_back({"rough_plastic_beckmann", plastic(rough(0.2f, 0.2f, kBeckmann), half, false)});
-    // Burley's retro-reflection and sheen gain energy at grazing angles by design, and so does the coat without layering.
+    // Burley's retro-reflection and sheen gain energy at grazing angles by design, and so does the coat without
+    // layering.
     c.push_back({"principled", principled([](auto& p) { p.roughness = 0.4f; }), false, 1, true, 0.6f});
     c.push_back({"principled_metal", principled([](auto& p) { p.metallic = 1.0f, p.anisotropic = 0.8f; })});
     c.push_back({"principled_all", principled([](auto& p) {
@@ -87,7 +90,8 @@ const std::vector<Case>& cases() {
                  }),
                  false, 1, true, 1.2f});
     c.push_back({"principled_glass",
-                 principled([](auto& p) { p.base_color = 1.0f, p.spec_trans = 1.0f, p.roughness = 0.5f; }), true, 1.5f});
+                 principled([](auto& p) { p.base_color = 1.0f, p.spec_trans = 1.0f, p.roughness = 0.5f; }), true,
+                 1.5f});
     c.push_back({"gltf_dielectric", gltf([](auto& p) { p.roughness = 0.5f; })});
     c.push_back({"gltf_polished", gltf([](auto& p) { p.roughness = 0.0f; })});
     c.push_back({"gltf_metal", gltf([](auto& p) { p.metallic = 1.0f, p.roughness = 0.6f; })});
@@ -112,15 +116,19 @@ const std::vector<Case>& cases() {
                  gltf([](auto& p) { p.transmission = 0.7f, p.roughness = 0.6f, p.thin_walled = false; }), true, 1.5f});
     c.push_back({"blend", make_blend(0.4f, make_diffuse(0.8f), mirror(rough(0.3f, 0.3f, kGgx)))});
     c.push_back({"blend_of_blends",
-                 make_blend(0.3f, make_blend(0.5f, plastic({}, half, false), glass(rough(0.3f, 0.3f, kGgx))), make_diffuse(half)),
+                 make_blend(0.3f, make_blend(0.5f, plastic({}, half, false), glass(rough(0.3f, 0.3f, kGgx))),
+                            make_diffuse(half)),
                  true, 1.5f});
     const auto tilted = std::make_shared<Plane>(Rgb{0.7f, 0.4f, 0.9f}, Vec2f{});
-    c.push_back({"normal_map", make_normal_map(tilted, 1, plastic(rough(0.3f, 0.3f, kGgx), half, false)), false, 1, false, 0.1f});
-    c.push_back({"bump", make_bump(std::make_shared<Plane>(Rgb(0.0f), Vec2f{0.3f, -0.2f}), 1, mirror(rough(0.3f, 0.5f, kGgx))),
+    c.push_back({"normal_map", make_normal_map(tilted, 1, plastic(rough(0.3f, 0.3f, kGgx), half, false)), false, 1,
+                 false, 0.1f});
+    c.push_back({"bump",
+                 make_bump(std::make_shared<Plane>(Rgb(0.0f), Vec2f{0.3f, -0.2f}), 1, mirror(rough(0.3f, 0.5f, kGgx))),
                  false, 1, false});
     c.push_back({"coat_on_normal_map", make_normal_map(tilted, 1, gltf([](auto& p) {
-                   p.clearcoat = 1.0f, p.clearcoat_roughness = 0.5f, p.roughness = 0.6f;
-                 })),
+                                                         p.clearcoat = 1.0f, p.clearcoat_roughness = 0.5f,
+                                                         p.roughness = 0.6f;
+                                                       })),
                  false, 1, false, 0.1f});
     return c;
   }();
@@ -128,7 +136,8 @@ const std::vector<Case>& cases() {
 }
 
 std::vector<Vec3f> view_directions(const Case& c) {
-  std::vector<Vec3f> w = {normalize(Vec3f{0.1f, 0.05f, 1}), normalize(Vec3f{0.6f, -0.5f, 0.7f}), normalize(Vec3f{-1, 0.3f, 0.25f})};
+  std::vector<Vec3f> w = {normalize(Vec3f{0.1f, 0.05f, 1}), normalize(Vec3f{0.6f, -0.5f, 0.7f}),
+                          normalize(Vec3f{-1, 0.3f, 0.25f})};
   if (c.transmits && c.eta != 1) w.push_back(normalize(Vec3f{0.3f, 0.4f, -0.8f}));
   return w;
 }
@@ -154,7 +163,8 @@ TEST(BsdfStatistics, SamplesFollowTheDensity) {
         return s->wi;
       };
       outcomes.push_back({c.name + " at " + std::to_string(wo.z),
-                          test::chi_square(sample, [&](const Vec3f& wi) { return bsdf.eval(wo, wi).pdf; }, 60000)});
+                          test::chi_square(
+                              sample, [&](const Vec3f& wi) { return bsdf.eval(wo, wi).pdf; }, 60000)});
     }
   const double limit = 1 - std::pow(1 - kSignificance, 1.0 / double(outcomes.size()));
   for (const Outcome& o : outcomes) EXPECT_GT(o.result.p_value, limit) << o.what << ": " << o.result.report;
@@ -163,7 +173,9 @@ TEST(BsdfStatistics, SamplesFollowTheDensity) {
 
 TEST(BsdfStatistics, TheChiSquareTestRejectsAWrongDensity) {
   const Vec3f wo = normalize(Vec3f{0.6f, -0.5f, 0.7f});
-  const auto metal = [](float alpha) { return make_conductor({0.0f, 1.0f, 1.0f, rough(alpha, alpha, Microfacets::kGgx)}); };
+  const auto metal = [](float alpha) {
+    return make_conductor({0.0f, 1.0f, 1.0f, rough(alpha, alpha, Microfacets::kGgx)});
+  };
   const Bsdf right = bsdf_of(*metal(0.3f), wo), wrong = bsdf_of(*metal(0.32f), wo);
   Random random(1);
   const auto sample = [&](int) -> std::optional<Vec3f> {
@@ -171,7 +183,9 @@ TEST(BsdfStatistics, TheChiSquareTestRejectsAWrongDensity) {
     return s ? std::optional(s->wi) : std::nullopt;
   };
   const auto test = [&](const Bsdf& bsdf) {
-    return test::chi_square(sample, [&](const Vec3f& wi) { return bsdf.eval(wo, wi).pdf; }, 60000).p_value;
+    return test::chi_square(
+               sample, [&](const Vec3f& wi) { return bsdf.eval(wo, wi).pdf; }, 60000)
+        .p_value;
   };
   EXPECT_GT(test(right), 1e-3);
   EXPECT_LT(test(wrong), 1e-6);
@@ -184,7 +198,8 @@ TEST(BsdfStatistics, TailOfTheChiSquareDistribution) {  // closed forms: exp(-x/
   EXPECT_NEAR(test::chi_square_tail(1000, 1000), 0.4940530, 1e-6);
 }
 
-/// Sum over directions of f cos, by quadrature (non-delta) and by sampling (all), as power: times eta^2 across interfaces.
+/// Sum over directions of f cos, by quadrature (non-delta) and by sampling (all), as power: times eta^2 across
+/// interfaces.
 struct Albedo {
   double quadrature[kEventCount] = {};  ///< of the non-delta part, mean over channels
   double mean = 0, standard_error = 0;  ///< of the sample weights of the non-delta part
@@ -235,7 +250,8 @@ TEST(BsdfStatistics, SampleWeightsSumToTheIntegralAndEnergyIsNotGained) {
 }
 
 TEST(BsdfStatistics, LosslessInterfacesKeepAllEnergy) {
-  // Smooth interfaces exactly. Of rough ones single scattering loses little at small alpha, and less the rounder the facets.
+  // Smooth interfaces exactly. Of rough ones single scattering loses little at small alpha, and less the rounder the
+  // facets.
   for (const Case& c : cases())
     for (const Vec3f& wo : view_directions(c)) {
       if (c.name != "dielectric" && c.name != "thin_dielectric" && c.name != "mirror" && c.name != "gltf_thin" &&
@@ -272,7 +288,8 @@ TEST(BsdfStatistics, Reciprocity) {
     Random random(11);
     int compared = 0;
     for (int i = 0; i < 400; ++i) {
-      const Vec3f a = c.transmits ? random.sphere() : random.hemisphere(), b = c.transmits ? random.sphere() : random.hemisphere();
+      const Vec3f a = c.transmits ? random.sphere() : random.hemisphere(),
+                  b = c.transmits ? random.sphere() : random.hemisphere();
       if (std::abs(a.z) < 0.05f || std::abs(b.z) < 0.05f) continue;
       const Rgb ab = bsdf_of(*c.material, a).eval(a, b).sum() / std::abs(b.z);
       const Rgb ba = bsdf_of(*c.material, b).eval(b, a).sum() / std::abs(a.z);
@@ -298,8 +315,7 @@ TEST(BsdfStatistics, SwappedArgumentsOfOneBsdfAgreeWithTheBsdfSeenFromThere) {  
       const Vec3f a = random.hemisphere(), b = random.hemisphere();
       if (a.z < 0.05f || b.z < 0.05f) continue;
       const Rgb here = bsdf_of(*c.material, a).eval(b, a).sum(), there = bsdf_of(*c.material, b).eval(b, a).sum();
-      for (int k = 0; k < 3; ++k)
-        EXPECT_NEAR(here[k], there[k], 1e-3f * there[k] + 1e-5f) << c.name;
+      for (int k = 0; k < 3; ++k) EXPECT_NEAR(here[k], there[k], 1e-3f * there[k] + 1e-5f) << c.name;
     }
   }
 }
@@ -347,7 +363,8 @@ TEST(Bsdf, BlendIsLinearAndItsProbabilitiesAre) {
   Random random(9);
   for (int i = 0; i < 200; ++i) {
     const Vec3f wo = random.hemisphere(), wi = random.hemisphere();
-    const BsdfEval ea = bsdf_of(*a, wo).eval(wo, wi), eb = bsdf_of(*b, wo).eval(wo, wi), e = bsdf_of(*mixed, wo).eval(wo, wi);
+    const BsdfEval ea = bsdf_of(*a, wo).eval(wo, wi), eb = bsdf_of(*b, wo).eval(wo, wi),
+                   e = bsdf_of(*mixed, wo).eval(wo, wi);
     EXPECT_NEAR(e.sum().r, 0.7f * ea.sum().r + 0.3f * eb.sum().r, 1e-5f * (1 + e.sum().r));
     EXPECT_NEAR(e.pdf, 0.7f * ea.pdf + 0.3f * eb.pdf, 1e-5f * (1 + e.pdf));
   }
@@ -369,7 +386,8 @@ TEST(Bsdf, NumbersAreFiniteAndConsistentEverywhere) {
       p.clearcoat_gloss = random(), p.anisotropic = random(), p.sheen = random(), p.spec_tint = random();
     }));
     materials.push_back(gltf([&](auto& p) {
-      p.roughness = random(), p.metallic = random(), p.transmission = random() < 0.5f ? 0 : random(), p.clearcoat = random();
+      p.roughness = random(), p.metallic = random(), p.transmission = random() < 0.5f ? 0 : random(),
+      p.clearcoat = random();
       p.clearcoat_roughness = random() < 0.3f ? 0 : random(), p.sheen_color = random(), p.sheen_roughness = random();
       p.thin_walled = random() < 0.5f, p.ior = 1 + random(), p.anisotropy = random();
     }));
@@ -416,13 +434,14 @@ TEST(Bsdf, NumbersAreFiniteAndConsistentEverywhere) {
 
 TEST(Bsdf, AlbedoApproximatesTheIntegral) {
   for (const Case& c : cases()) {
-    if (c.gain > 0) continue;         // models whose albedo is not near their color
-    if (!c.reciprocal) continue;      // bumped surfaces, which lose light at the horizon
+    if (c.gain > 0) continue;     // models whose albedo is not near their color
+    if (!c.reciprocal) continue;  // bumped surfaces, which lose light at the horizon
     for (const Vec3f& wo : view_directions(c)) {
       const Bsdf bsdf = bsdf_of(*c.material, wo);
       const Albedo a = albedo_of(bsdf, wo, 1, 4000, 1);
       double sum = 0;
-      for (const Event event : {Event::kDiffuse, Event::kReflection, Event::kTransmission}) sum += double(mean(bsdf.albedo(wo, event)));
+      for (const Event event : {Event::kDiffuse, Event::kReflection, Event::kTransmission})
+        sum += double(mean(bsdf.albedo(wo, event)));
       const double exact = a.quadrature[0] + a.quadrature[1] + a.quadrature[2] + a.delta;
       EXPECT_NEAR(sum, exact, 0.12 * std::max(exact, 0.3)) << c.name << " at " << wo.z;
     }
@@ -481,17 +500,26 @@ TEST(MetallicRoughness, NeverGainsEnergy) {
 
 TEST(MetallicRoughness, SpecialCases) {
   const Vec3f wo{0, 0, 1};
-  // Head-on, a polished dielectric reflects ((ior - 1) / (ior + 1))^2, times specular and its color, and a metal its color.
+  // Head-on, a polished dielectric reflects ((ior - 1) / (ior + 1))^2, times specular and its color, and a metal its
+  // color.
   const auto mirror = [&](const MaterialPtr& m) {
     const Bsdf b = bsdf_of(*m, wo);
     return b.albedo(wo, Event::kReflection);
   };
   EXPECT_NEAR(mirror(gltf([](auto& p) { p.roughness = 0.0f; })).g, 0.04f, 1e-5f);
   EXPECT_NEAR(mirror(gltf([](auto& p) { p.roughness = 0.0f, p.ior = 2.0f; })).g, 1 / 9.0f, 1e-5f);
-  EXPECT_NEAR(mirror(gltf([](auto& p) { p.roughness = 0.0f, p.specular = 0.5f, p.specular_color = Rgb{0, 1, 2}; })).b, 0.04f, 1e-5f);
+  EXPECT_NEAR(mirror(gltf([](auto& p) {
+                p.roughness = 0.0f, p.specular = 0.5f, p.specular_color = Rgb{0, 1, 2};
+              })).b,
+              0.04f, 1e-5f);
   EXPECT_NEAR(mirror(gltf([](auto& p) { p.roughness = 0.0f, p.ior = 0; })).g, 1.0f, 1e-5f);
-  EXPECT_NEAR(mirror(gltf([](auto& p) { p.roughness = 0.0f, p.metallic = 1.0f, p.base_color = Rgb{0.9f, 0.5f, 0.1f}; })).b, 0.1f, 1e-5f);
-  EXPECT_NEAR(mirror(gltf([](auto& p) { p.roughness = 1.0f, p.base_color = 0.0f, p.specular = 0.0f, p.clearcoat = 0.5f; })).g, 0.02f, 1e-5f);
+  EXPECT_NEAR(mirror(gltf([](auto& p) {
+                p.roughness = 0.0f, p.metallic = 1.0f, p.base_color = Rgb{0.9f, 0.5f, 0.1f};
+              })).b,
+              0.1f, 1e-5f);
+  EXPECT_NEAR(
+      mirror(gltf([](auto& p) { p.roughness = 1.0f, p.base_color = 0.0f, p.specular = 0.0f, p.clearcoat = 0.5f; })).g,
+      0.02f, 1e-5f);
 
   const auto tinted = gltf([](auto& p) {
     p.transmission = 1.0f, p.roughness = 0.0f, p.thin_walled = false, p.attenuation_color = Rgb{0.5f, 0.25f, 1};
@@ -504,6 +532,23 @@ TEST(MetallicRoughness, SpecialCases) {
   EXPECT_EQ(sigma.b, 0);
   EXPECT_FALSE(gltf([](auto& p) { p.attenuation_distance = 1, p.attenuation_color = Rgb(0.5f); })->has_absorption())
       << "nothing gets inside";
+
+  // A quarter turn, by the rotation or by a texture that says (0, 1), exchanges what s and t see.
+  const auto brushed = [](float rotation, bool textured) {
+    return gltf([&](auto& p) {
+      p.metallic = 1.0f, p.roughness = 0.3f, p.anisotropy = 0.8f, p.anisotropy_rotation = rotation;
+      if (textured) p.anisotropy_direction = std::make_shared<Plane>(Rgb{0.5f, 1, 0}, Vec2f{});
+    });
+  };
+  const Vec3f along_s = normalize(Vec3f{0.5f, 0, 1}), along_t = normalize(Vec3f{0, 0.5f, 1});
+  const auto value = [&](const MaterialPtr& m, const Vec3f& wi) { return bsdf_of(*m, wo).eval(wo, wi).sum().g; };
+  const float wide = value(brushed(0, false), along_s), narrow = value(brushed(0, false), along_t);
+  EXPECT_GT(wide, 2 * narrow) << "roughness is higher along the tangent";
+  for (const MaterialPtr& m : {brushed(kPi / 2, false), brushed(0, true)}) {
+    EXPECT_NEAR(value(m, along_t), wide, 1e-4f * wide);
+    EXPECT_NEAR(value(m, along_s), narrow, 1e-4f * narrow);
+  }
+  EXPECT_NEAR(value(brushed(kPi / 2, true), along_s), wide, 1e-4f * wide) << "both: half a turn";
 
   EXPECT_THROW(gltf([](auto& p) { p.ior = 0.5f; }), Error);
   EXPECT_THROW(gltf([](auto& p) { p.attenuation_distance = 0; }), Error);

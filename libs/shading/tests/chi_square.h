@@ -111,7 +111,8 @@ inline ChiSquareResult chi_square(const std::function<std::optional<Vec3f>(int)>
   ChiSquareResult result;
   result.p_value = cells > 1 ? chi_square_tail(statistic, cells - 1) : (statistic > 100 ? 0.0 : 1.0);
   std::ostringstream s;
-  s << "chi^2 " << statistic << " in " << cells << " cells, integral of the density " << total << ", p " << result.p_value;
+  s << "chi^2 " << statistic << " in " << cells << " cells, integral of the density " << total << ", p "
+    << result.p_value;
   result.report = s.str();
   return result;
 }

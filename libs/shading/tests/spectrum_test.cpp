@@ -9,7 +9,8 @@ namespace tempera {
 namespace {
 
 void expect_rgb(const Rgb& value, const Rgb& expected, float relative) {
-  for (int c = 0; c < 3; ++c) EXPECT_NEAR(value[c], expected[c], relative * std::max(std::abs(expected[c]), 0.02f)) << c;
+  for (int c = 0; c < 3; ++c)
+    EXPECT_NEAR(value[c], expected[c], relative * std::max(std::abs(expected[c]), 0.02f)) << c;
 }
 
 TEST(Spectrum, IntegralsAreMitsubas) {  // spectrum_list_to_srgb of Mitsuba 3.9.1
@@ -48,7 +49,7 @@ TEST(Spectrum, Errors) {
 TEST(Spectrum, NamedMaterials) {
   const auto gold = named_conductor("Au");
   ASSERT_TRUE(gold);
-  EXPECT_GT(gold->k.r, gold->k.b);    // reflects red best
+  EXPECT_GT(gold->k.r, gold->k.b);                                  // reflects red best
   expect_rgb(gold->eta, {0.143119f, 0.374958f, 1.442479f}, 5e-2f);  // widely published figures
   EXPECT_FALSE(named_conductor("Unobtainium"));
   EXPECT_EQ(named_conductors().size(), 71u);

@@ -58,10 +58,10 @@ TEST_F(ImageTextures, BilinearInterpolatesBetweenTexelCentres) {
 TEST_F(ImageTextures, WrapModes) {
   params.wrap_v = Wrap::kClamp;
   const float row = 0.25f;
-  EXPECT_FLOAT_EQ(value(1.375f, row), 1);    // repeat
-  EXPECT_FLOAT_EQ(value(0, row), 1.5f);      // between texels 3 and 0
+  EXPECT_FLOAT_EQ(value(1.375f, row), 1);  // repeat
+  EXPECT_FLOAT_EQ(value(0, row), 1.5f);    // between texels 3 and 0
   EXPECT_FLOAT_EQ(value(-0.625f, row), 1);
-  EXPECT_FLOAT_EQ(value(0.375f, -7), 1);     // v is clamped
+  EXPECT_FLOAT_EQ(value(0.375f, -7), 1);  // v is clamped
   EXPECT_FLOAT_EQ(value(0.375f, 9), 11);
   params.wrap_u = Wrap::kMirror;
   EXPECT_FLOAT_EQ(value(-0.375f, row), 1);
@@ -71,7 +71,7 @@ TEST_F(ImageTextures, WrapModes) {
   EXPECT_FLOAT_EQ(value(0, row), 0);
   params.wrap_u = Wrap::kBlack;
   EXPECT_FLOAT_EQ(value(1.2f, row), 0);
-  EXPECT_FLOAT_EQ(value(1.0f, row), 1.5f);   // half of texel 3
+  EXPECT_FLOAT_EQ(value(1.0f, row), 1.5f);  // half of texel 3
   for (const Wrap wrap : {Wrap::kRepeat, Wrap::kMirror, Wrap::kClamp, Wrap::kBlack}) {
     params.wrap_u = params.wrap_v = wrap;
     for (const float u : {1e30f, -1e30f, 4e9f, kInfinity, std::nanf("")}) EXPECT_TRUE(std::isfinite(value(u, u)));
@@ -218,7 +218,8 @@ TEST(ImageTexture, EncodedBytesInMemory) {
     const auto file = folder / ("image." + type);
     write_image<std::uint8_t>(file, 16, 16, 3, std::vector<std::uint8_t>(16 * 16 * 3, 200));
     const auto texture = make_image_texture(p, bytes_of(file), "image " + type);
-    expect_rgb(texture->rgb(at(0.5f, 0.5f)), type == "exr" ? Rgb(200 / 255.0f) : Rgb(srgb_to_linear(200 / 255.0f)), 0.02f);
+    expect_rgb(texture->rgb(at(0.5f, 0.5f)), type == "exr" ? Rgb(200 / 255.0f) : Rgb(srgb_to_linear(200 / 255.0f)),
+               0.02f);
   }
 }
 
@@ -252,7 +253,13 @@ TEST(ImageTexture, Errors) {
   std::ofstream(folder / "empty.png").flush();
   for (const char* name : {"cut.png", "text.png", "empty.png"}) {
     p.file = folder / name;
-    EXPECT_EQ(code_of([&] { make_image_texture(p, SourceLoc{"scene.xml", 7, 1}); }, &loc), ErrorCode::kBadInput) << name;
+    EXPECT_EQ(code_of(
+                  [&] {
+                    make_image_texture(p, SourceLoc{"scene.xml", 7, 1});
+                  },
+                  &loc),
+              ErrorCode::kBadInput)
+        << name;
     EXPECT_EQ(loc.line, 7);
   }
   p.file.clear();
@@ -341,7 +348,8 @@ TEST(VertexColor, AndProducts) {
 }
 
 TEST(Image, HalfFloatsRoundTrip) {
-  for (const float f : {0.0f, 1.0f, -2.5f, 0.333251953125f, 65504.0f, 6.1035156e-5f}) EXPECT_EQ(half_to_float(float_to_half(f)), f);
+  for (const float f : {0.0f, 1.0f, -2.5f, 0.333251953125f, 65504.0f, 6.1035156e-5f})
+    EXPECT_EQ(half_to_float(float_to_half(f)), f);
   EXPECT_EQ(half_to_float(float_to_half(1e9f)), 65504.0f);
 }
 

@@ -2,10 +2,11 @@
 #pragma once
 // A scene resampled over one span of time for ray queries, and points that stay glued to its matter.
 //
-// All motion is resampled to knots on one global grid of the shot's axis (`motion_step` seconds apart, knot k at k * step):
-// deforming vertices and skins are linear between knots, rigid motion is interpolated as translation, rotation (slerp) and
-// upper-triangular scale. Hits, normals, light samples and motion vectors all use that same resampled motion, and two
-// RaySceneS over different spans of one shot agree exactly, because the grid does not depend on the span.
+// All motion is resampled to knots on one global grid of the shot's axis (`motion_step` seconds apart, knot k at k *
+// step): deforming vertices and skins are linear between knots, rigid motion is interpolated as translation, rotation
+// (slerp) and upper-triangular scale. Hits, normals, light samples and motion vectors all use that same resampled
+// motion, and two RaySceneS over different spans of one shot agree exactly, because the grid does not depend on the
+// span.
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -71,7 +72,8 @@ class RayScene {
   /// Builds for rays with times in `rays`; points can be evaluated over `evaluation`, which includes `rays`.
   /// Errors: Error{kOutOfRange} if the span needs more than 128 motion segments; Error{kOutOfMemory}.
   /// `scene` and `cache` must outlive this.
-  RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const RaySceneOptions& options, GeometryCache& cache);
+  RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const RaySceneOptions& options,
+           GeometryCache& cache);
   ~RayScene();
   RayScene(RayScene&&) noexcept;
   RayScene(const RayScene&) = delete;

@@ -15,7 +15,9 @@ enum class Interpolation { kStep, kLinear, kCubic };
 
 namespace detail {
 template <class T>
-T mix(const T& a, const T& b, double s) { return a * float(1 - s) + b * float(s); }
+T mix(const T& a, const T& b, double s) {
+  return a * float(1 - s) + b * float(s);
+}
 inline double mix(double a, double b, double s) { return a * (1 - s) + b * s; }
 inline Vec3d mix(const Vec3d& a, const Vec3d& b, double s) { return a * (1 - s) + b * s; }
 inline Quatd mix(const Quatd& a, const Quatd& b, double s) { return slerp(a, b, s); }
@@ -28,7 +30,9 @@ template <class T>
 T hermite(const T& p0, const T& m0, const T& p1, const T& m1, double s) {
   const double s2 = s * s, s3 = s2 * s;
   const double a = 2 * s3 - 3 * s2 + 1, b = s3 - 2 * s2 + s, c = -2 * s3 + 3 * s2, d = s3 - s2;
-  using F = std::conditional_t<requires(T t) { t * 1.0; } && !requires(T t) { t.r; }, double, float>;
+  using F = std::conditional_t < requires(T t) { t * 1.0; }
+  &&!requires(T t) { t.r; }
+  , double, float > ;
   return p0 * F(a) + m0 * F(b) + p1 * F(c) + m1 * F(d);
 }
 inline Vec3f hermite(const Vec3f& p0, const Vec3f& m0, const Vec3f& p1, const Vec3f& m1, double s) {
@@ -78,7 +82,9 @@ class Animated {
   const std::vector<T>& values() const { return values_; }
   Interpolation interpolation() const { return interpolation_; }
   /// Value of key i (the middle one of a cubic key's three).
-  const T& value(std::size_t i) const { return values_[interpolation_ == Interpolation::kCubic && !times_.empty() ? 3 * i + 1 : i]; }
+  const T& value(std::size_t i) const {
+    return values_[interpolation_ == Interpolation::kCubic && !times_.empty() ? 3 * i + 1 : i];
+  }
 
  private:
   static T scaled(const T& m, double dt) {
@@ -86,7 +92,8 @@ class Animated {
       T r = m;
       for (auto& x : r) x = decltype(+x)(x * dt);
       return r;
-    } else if constexpr (requires { m * 1.0; } && !requires { m.r; } && !std::is_same_v<T, Vec3f>) {
+    } else if constexpr (
+        requires { m * 1.0; } && !requires { m.r; } && !std::is_same_v<T, Vec3f>) {
       return T(m * dt);
     } else {
       return m * float(dt);

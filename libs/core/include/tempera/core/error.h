@@ -10,8 +10,7 @@
 #include <vector>
 
 #ifdef TEMPERA_ASSERTS
-#define TEMPERA_ASSERT(x) \
-  ((x) ? void(0) : ::tempera::assertion_failed(#x, __FILE__, __LINE__))
+#define TEMPERA_ASSERT(x) ((x) ? void(0) : ::tempera::assertion_failed(#x, __FILE__, __LINE__))
 #else
 #define TEMPERA_ASSERT(x) void(0)
 #endif

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Messages for people: levels on standard error, and a collector that turns repeated warnings into one line with a count.
+// Messages for people: levels on standard error, and a collector that turns repeated warnings into one line with a
+// count.
 #include <functional>
 #include <map>
 #include <mutex>
@@ -17,8 +18,8 @@ enum class LogLevel { kQuiet, kWarning, kInfo, kDebug };
 /// The level below which messages are dropped. The one process-wide setting: where messages go is not part of a result.
 void set_log_level(LogLevel level);
 LogLevel log_level();
-/// Passes lines, with their end, to `writer` instead of standard error: a progress bar has to step aside for them. An empty
-/// one restores standard error. Threads: safe; `writer` is called by one thread at a time and must not log.
+/// Passes lines, with their end, to `writer` instead of standard error: a progress bar has to step aside for them. An
+/// empty one restores standard error. Threads: safe; `writer` is called by one thread at a time and must not log.
 void set_log_writer(std::function<void(std::string_view line)> writer);
 /// Writes one line to standard error (flushed at once) if `level` is enabled. Threads: safe.
 void log(LogLevel level, const std::string& message);

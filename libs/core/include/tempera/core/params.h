@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Parameter tables: one table per integrator, stage or command feeds its parser, `tempera list`, --help and the manual, so
-// that they cannot disagree. Values carry the place they came from into every message.
+// Parameter tables: one table per integrator, stage or command feeds its parser, `tempera list`, --help and the manual,
+// so that they cannot disagree. Values carry the place they came from into every message.
 #include <map>
 #include <span>
 #include <string>
@@ -19,8 +19,8 @@ struct ParamSpec {
   std::string name;
   ParamValue fallback;
   std::string help;
-  double min = -1e300, max = 1e300;     ///< valid range of numbers, inclusive
-  std::vector<std::string> choices{};   ///< valid values of a string; empty: any
+  double min = -1e300, max = 1e300;    ///< valid range of numbers, inclusive
+  std::vector<std::string> choices{};  ///< valid values of a string; empty: any
 };
 
 /// Values checked against a table: every name known, every value of the right type and in range.

@@ -8,7 +8,8 @@
 #include <cstdint>
 #include <limits>
 
-// The compiler's estimate of what inlining costs keeps these few instructions out of the large functions that use them most.
+// The compiler's estimate of what inlining costs keeps these few instructions out of the large functions that use them
+// most.
 #if defined(__GNUC__)
 #define TEMPERA_INLINE [[gnu::always_inline]] inline
 #else
@@ -64,9 +65,13 @@ struct Vec3 {
 };
 
 template <class T>
-constexpr Vec2<T> operator*(T s, Vec2<T> v) { return v * s; }
+constexpr Vec2<T> operator*(T s, Vec2<T> v) {
+  return v * s;
+}
 template <class T>
-constexpr Vec3<T> operator*(T s, const Vec3<T>& v) { return v * s; }
+constexpr Vec3<T> operator*(T s, const Vec3<T>& v) {
+  return v * s;
+}
 
 using Vec2f = Vec2<float>;
 using Vec2d = Vec2<double>;
@@ -75,17 +80,25 @@ using Vec3f = Vec3<float>;
 using Vec3d = Vec3<double>;
 
 template <class T>
-constexpr T dot(const Vec2<T>& a, const Vec2<T>& b) { return a.x * b.x + a.y * b.y; }
+constexpr T dot(const Vec2<T>& a, const Vec2<T>& b) {
+  return a.x * b.x + a.y * b.y;
+}
 template <class T>
-constexpr T dot(const Vec3<T>& a, const Vec3<T>& b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+constexpr T dot(const Vec3<T>& a, const Vec3<T>& b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
 template <class T>
 constexpr Vec3<T> cross(const Vec3<T>& a, const Vec3<T>& b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 template <class V>
-auto length_squared(const V& v) { return dot(v, v); }
+auto length_squared(const V& v) {
+  return dot(v, v);
+}
 template <class V>
-auto length(const V& v) { return std::sqrt(dot(v, v)); }
+auto length(const V& v) {
+  return std::sqrt(dot(v, v));
+}
 /// Unit vector along `v`; a zero vector stays zero.
 template <class T>
 TEMPERA_INLINE Vec3<T> normalize(const Vec3<T>& v) {
@@ -93,11 +106,17 @@ TEMPERA_INLINE Vec3<T> normalize(const Vec3<T>& v) {
   return l > 0 ? v * (T(1) / l) : v;
 }
 template <class T>
-bool is_finite(const Vec3<T>& v) { return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z); }
+bool is_finite(const Vec3<T>& v) {
+  return std::isfinite(v.x) && std::isfinite(v.y) && std::isfinite(v.z);
+}
 template <class T>
-constexpr T lerp(const T& a, const T& b, float s) { return a * (1 - s) + b * s; }
+constexpr T lerp(const T& a, const T& b, float s) {
+  return a * (1 - s) + b * s;
+}
 template <class T>
-constexpr T sqr(T x) { return x * x; }
+constexpr T sqr(T x) {
+  return x * x;
+}
 
 /// Linear RGB with Rec. 709 primaries: radiance, reflectance or weights.
 struct Rgb {
@@ -149,7 +168,9 @@ struct Quat {
 using Quatf = Quat<float>;
 using Quatd = Quat<double>;
 template <class T>
-constexpr T dot(const Quat<T>& a, const Quat<T>& b) { return a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z; }
+constexpr T dot(const Quat<T>& a, const Quat<T>& b) {
+  return a.w * b.w + a.x * b.x + a.y * b.y + a.z * b.z;
+}
 /// Unit quaternion along `q`; the zero quaternion becomes the identity.
 template <class T>
 Quat<T> normalize(const Quat<T>& q) {
@@ -207,9 +228,13 @@ constexpr Affine3<T> inverse(const Affine3<T>& a) {
   return r;
 }
 template <class T>
-constexpr Affine3<T> translate(const Vec3<T>& t) { return {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, t}; }
+constexpr Affine3<T> translate(const Vec3<T>& t) {
+  return {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, t};
+}
 template <class T>
-constexpr Affine3<T> scale(const Vec3<T>& s) { return {{s.x, 0, 0}, {0, s.y, 0}, {0, 0, s.z}}; }
+constexpr Affine3<T> scale(const Vec3<T>& s) {
+  return {{s.x, 0, 0}, {0, s.y, 0}, {0, 0, s.z}};
+}
 template <class T>
 constexpr Affine3<T> rotation(const Quat<T>& q) {
   return {{1 - 2 * (q.y * q.y + q.z * q.z), 2 * (q.x * q.y + q.w * q.z), 2 * (q.x * q.z - q.w * q.y)},

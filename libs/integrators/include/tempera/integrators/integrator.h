@@ -44,9 +44,9 @@ struct RenderSettings {
   PixelFilter filter;
   std::vector<std::string> layers{"color"};  ///< requested layer names (frames/layers.h); "color" is always written
   std::vector<PathClass> classes;
-  bool classes_are_decomposition = false;    ///< check disjointness, add "residual", components sum to color exactly
+  bool classes_are_decomposition = false;  ///< check disjointness, add "residual", components sum to color exactly
   int cryptomatte_depth = 6;
-  std::string canonical() const;             ///< all fields as text, for metadata and resume
+  std::string canonical() const;  ///< all fields as text, for metadata and resume
 
   int x0() const { return crop_width > 0 ? crop_x : 0; }
   int y0() const { return crop_width > 0 ? crop_y : 0; }
@@ -95,11 +95,12 @@ class Integrator {
   virtual std::vector<LayerDesc> outputs(const RenderSettings& settings) const = 0;
 
   /// Writes the estimates of one tile to `out`.
-  /// Shapes:  every layer of `outputs()` exists in `out` with the size of the crop window; tile coordinates are pixels of
+  /// Shapes:  every layer of `outputs()` exists in `out` with the size of the crop window; tile coordinates are pixels
+  /// of
   ///          the full picture; pixel (x, y) is stored at (x - settings.x0(), y - settings.y0()).
   /// Units:   radiance in W/(m^2 sr), scene-linear RGB; time in seconds.
-  /// Result:  a function of (scene, settings, parameters, tile) alone: not of threads, order, or the split over machines.
-  /// Errors:  returns early once `stop` is requested (the tile is then incomplete and must be discarded).
+  /// Result:  a function of (scene, settings, parameters, tile) alone: not of threads, order, or the split over
+  /// machines. Errors:  returns early once `stop` is requested (the tile is then incomplete and must be discarded).
   /// Threads: const and re-entrant; called concurrently for disjoint tiles.
   virtual void render(const FrameContext& context, const Tile& tile, Frame& out, RenderCounters& counters,
                       std::stop_token stop) const = 0;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Choosing lights and points on them for next-event estimation, and the density with which that would have happened for a
-// light that a ray found: at any time of a RayScene's span.
+// Choosing lights and points on them for next-event estimation, and the density with which that would have happened for
+// a light that a ray found: at any time of a RayScene's span.
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -13,11 +13,13 @@ namespace tempera {
 
 /// A direction towards light from a reference point.
 struct LightSample {
-  Vec3f wi;               ///< unit, from the reference point to the light
-  float distance = 0;     ///< infinity for directional lights and environments
-  Rgb radiance;           ///< arriving along wi if nothing is in between; for delta lights already divided as needed: value / pdf is the estimate
-  float pdf = 0;          ///< solid angle density at the reference point including the choice of the light; delta lights: probability of the choice
-  bool delta = false;     ///< no ray finds this light by chance
+  Vec3f wi;            ///< unit, from the reference point to the light
+  float distance = 0;  ///< infinity for directional lights and environments
+  Rgb radiance;   ///< arriving along wi if nothing is in between; for delta lights already divided as needed: value /
+                  ///< pdf is the estimate
+  float pdf = 0;  ///< solid angle density at the reference point including the choice of the light; delta lights:
+                  ///< probability of the choice
+  bool delta = false;                 ///< no ray finds this light by chance
   std::optional<SurfacePoint> point;  ///< for area lights
 };
 
@@ -34,7 +36,8 @@ class LightSampler {
   std::optional<LightSample> sample(const Vec3f& p, double t, float u_choice, const Vec2f& u) const;
   /// Radiance of the surface at `s` towards s.wo; black if it does not emit to that side.
   Rgb emitted(const SurfacePoint& point, const ShadingPoint& s) const;
-  /// Density (solid angle at `from`) with which sample() picks the emitting surface point seen along a ray of length `distance`.
+  /// Density (solid angle at `from`) with which sample() picks the emitting surface point seen along a ray of length
+  /// `distance`.
   float pdf(const SurfacePoint& point, const ShadingPoint& s, const Vec3f& from, float distance) const;
   /// Radiance of all environments along world direction d, for rays that leave the scene.
   Rgb environment(const Vec3f& d, double t, bool from_camera = false) const;

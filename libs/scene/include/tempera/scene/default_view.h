@@ -7,8 +7,8 @@ namespace tempera {
 
 /// World box of everything at time t; meshes of many vertices are sampled.
 Bounds3f world_bounds(const Scene& scene, double t);
-/// Adds a perspective camera in front (on the +z side, a little from the right and above) that sees the whole animation.
-/// Pre: the scene has no camera.
+/// Adds a perspective camera in front (on the +z side, a little from the right and above) that sees the whole
+/// animation. Pre: the scene has no camera.
 void add_default_camera(Scene& scene);
 /// Whether anything in the scene gives light.
 bool has_light(const Scene& scene);

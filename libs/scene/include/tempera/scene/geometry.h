@@ -19,13 +19,13 @@ struct MorphTarget {
 /// Linear blend skinning: each vertex follows `influences` joints.
 struct Skin {
   struct Joint {
-    int node = -1;             ///< Scene::nodes index
-    Affine3d inverse_bind;     ///< mesh space to joint space at bind time
+    int node = -1;          ///< Scene::nodes index
+    Affine3d inverse_bind;  ///< mesh space to joint space at bind time
   };
   std::vector<Joint> joints;
-  int influences = 4;                      ///< per vertex
-  std::vector<std::uint16_t> indices;      ///< [vertices, influences] into `joints`
-  std::vector<float> weights;              ///< [vertices, influences], each vertex sums to 1
+  int influences = 4;                  ///< per vertex
+  std::vector<std::uint16_t> indices;  ///< [vertices, influences] into `joints`
+  std::vector<float> weights;          ///< [vertices, influences], each vertex sums to 1
 };
 
 /// Positions (and optionally normals) of a whole mesh at a time, for vertex caches.
@@ -38,15 +38,15 @@ struct VertexCacheSample {
 /// vertex or are empty.
 struct Mesh {
   std::vector<Vec3f> positions;
-  std::vector<Vec3f> normals;     ///< empty: flat shading
+  std::vector<Vec3f> normals;  ///< empty: flat shading
   std::vector<Vec2f> uvs, uvs1;
-  std::vector<Vec3f> tangents;    ///< empty: derived from uvs
+  std::vector<Vec3f> tangents;       ///< empty: derived from uvs
   std::vector<float> tangent_signs;  ///< bitangent = sign * cross(n, tangent); empty: +1
   std::vector<std::uint32_t> indices;
-  std::vector<Rgb> colors;        ///< per vertex, or per triangle if `color_per_face`
+  std::vector<Rgb> colors;  ///< per vertex, or per triangle if `color_per_face`
   std::vector<float> color_alphas;
   bool color_per_face = false;
-  bool flip_normals = false;      ///< geometric and shading normals point the other way
+  bool flip_normals = false;  ///< geometric and shading normals point the other way
 
   std::vector<MorphTarget> morph_targets;
   Animated<std::vector<float>> morph_weights;  ///< one per target
@@ -60,9 +60,18 @@ struct Mesh {
 /// Analytic shapes; `object_from_unit` places them. u, v as in Mitsuba: sphere phi/2pi, theta/pi; disk radius, phi/2pi;
 /// cylinder phi/2pi, z. Unit sphere at the origin; unit disk in z = 0 facing +z; cylinder of radius 1, z in [0,1],
 /// open. `object_from_unit` may be any invertible map: the shapes are intersected in unit space.
-struct Sphere { Affine3f object_from_unit; bool flip_normals = false; };
-struct Disk { Affine3f object_from_unit; bool flip_normals = false; };
-struct Cylinder { Affine3f object_from_unit; bool flip_normals = false; };
+struct Sphere {
+  Affine3f object_from_unit;
+  bool flip_normals = false;
+};
+struct Disk {
+  Affine3f object_from_unit;
+  bool flip_normals = false;
+};
+struct Cylinder {
+  Affine3f object_from_unit;
+  bool flip_normals = false;
+};
 
 using Geometry = std::variant<Mesh, Sphere, Disk, Cylinder>;
 
@@ -70,7 +79,8 @@ using Geometry = std::variant<Mesh, Sphere, Disk, Cylinder>;
 Mesh make_rectangle();
 /// Twelve triangles over [-1,1]^3, flat normals, uv per face (Mitsuba's cube).
 Mesh make_cube();
-/// Applies an affine map to positions, normals, tangents and morph targets of a mesh; keeps front faces in front under mirroring.
+/// Applies an affine map to positions, normals, tangents and morph targets of a mesh; keeps front faces in front under
+/// mirroring.
 void transform(Mesh& mesh, const Affine3d& map);
 
 }  // namespace tempera

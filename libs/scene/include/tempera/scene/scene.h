@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// The shot: geometry, materials, cameras and lights over time, as authored. Built by an importer, then immutable; there is
-// no current time. y is up, units are metres, right-handed.
+// The shot: geometry, materials, cameras and lights over time, as authored. Built by an importer, then immutable; there
+// is no current time. y is up, units are metres, right-handed.
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -40,9 +40,9 @@ struct Shape {
 
 /// Places a group of shapes. Shapes used once are instances of a group of one.
 struct Instance {
-  int group = 0;   ///< Scene::groups index
-  int node = -1;   ///< Scene::nodes index, -1: identity
-  std::string name;         ///< object name for ids and cryptomatte
+  int group = 0;     ///< Scene::groups index
+  int node = -1;     ///< Scene::nodes index, -1: identity
+  std::string name;  ///< object name for ids and cryptomatte
   bool camera_visible = true;
 };
 
@@ -57,16 +57,18 @@ struct PunctualLight {
   Animated<float> cutoff_angle{0.34906585f};  ///< spot: half angle in radians where light ends
   Animated<float> beam_width{0.26179939f};    ///< spot: half angle up to which it is full
   bool smooth_falloff = false;  ///< spot: glTF's squared smooth falloff in cosine instead of Mitsuba's linear in angle
-  std::shared_ptr<const Texture> texture;  ///< spot: intensity over the cone's image; projector: irradiance at distance 1
-  float projector_fov = 0.7853982f;        ///< projector: full angle along x, radians
-  float projector_aspect = 1;              ///< projector: width over height
+  std::shared_ptr<const Texture>
+      texture;                       ///< spot: intensity over the cone's image; projector: irradiance at distance 1
+  float projector_fov = 0.7853982f;  ///< projector: full angle along x, radians
+  float projector_aspect = 1;        ///< projector: width over height
   std::string name;
 };
 
-/// Light from infinity over all directions. Local frame: latitude-longitude with y up, u = 0 along... see EnvironmentImage.
+/// Light from infinity over all directions. Local frame: latitude-longitude with y up, u = 0 along... see
+/// EnvironmentImage.
 struct Environment {
-  int node = -1;                       ///< rotation only
-  Animated<Rgb> radiance{Rgb(1.0f)};   ///< constant radiance, or factor of the image
+  int node = -1;                      ///< rotation only
+  Animated<Rgb> radiance{Rgb(1.0f)};  ///< constant radiance, or factor of the image
   /// Equirectangular linear RGB, row 0 at +y; [height][width] row-major. Direction d in local space maps to
   /// u = atan2(d.x, -d.z) / 2pi (mod 1), v = acos(d.y) / pi: Mitsuba's convention. Empty: constant.
   std::vector<Rgb> image;
@@ -83,31 +85,31 @@ struct Camera {
   std::string name;
   Projection projection = Projection::kPerspective;
   int node = -1;
-  Animated<float> fov_x{0.7853982f};         ///< perspective: full horizontal angle, radians, in (0, pi)
+  Animated<float> fov_x{0.7853982f};  ///< perspective: full horizontal angle, radians, in (0, pi)
   /// How fov_x is defined when the film's aspect differs from `authored_aspect`: glTF keeps the vertical angle.
   bool keep_vertical_fov = false;
   float authored_aspect = 16.0f / 9.0f;
-  Animated<float> width{2.0f};               ///< orthographic: width of the picture in metres
-  Animated<float> aperture_radius{0.0f};     ///< metres; 0: pinhole
-  Animated<float> focus_distance{1.0f};      ///< metres along the view axis
-  Vec2f principal_offset{0, 0};              ///< shift of the picture in fractions of width and height (x right, y down)
+  Animated<float> width{2.0f};            ///< orthographic: width of the picture in metres
+  Animated<float> aperture_radius{0.0f};  ///< metres; 0: pinhole
+  Animated<float> focus_distance{1.0f};   ///< metres along the view axis
+  Vec2f principal_offset{0, 0};           ///< shift of the picture in fractions of width and height (x right, y down)
   float near_clip = 1e-2f, far_clip = 1e7f;
 };
 
 /// What a scene file asks of the film and the integrator; a shot or the command line may override each.
 struct RenderDefaults {
   std::optional<int> width, height;
-  std::optional<std::string> filter;           ///< box, tent, gaussian, mitchell, blackman_harris
-  std::optional<double> filter_radius;         ///< pixels
+  std::optional<std::string> filter;    ///< box, tent, gaussian, mitchell, blackman_harris
+  std::optional<double> filter_radius;  ///< pixels
   std::optional<int> spp;
   std::optional<std::string> sampler;
-  std::optional<std::string> integrator;       ///< ours, e.g. "path"
-  std::optional<int> max_depth, rr_depth;      ///< as in Mitsuba: number of path edges; -1 unlimited
+  std::optional<std::string> integrator;   ///< ours, e.g. "path"
+  std::optional<int> max_depth, rr_depth;  ///< as in Mitsuba: number of path edges; -1 unlimited
   std::optional<bool> hide_emitters;
   std::optional<Shutter> shutter;
-  std::optional<TimeSpan> exposure;            ///< absolute shutter times (Mitsuba: seconds), for single pictures
+  std::optional<TimeSpan> exposure;  ///< absolute shutter times (Mitsuba: seconds), for single pictures
   int crop_x = 0, crop_y = 0, crop_width = 0, crop_height = 0;  ///< crop_width 0: no crop
-  bool null_counts_as_bounce = false;          ///< Mitsuba counts passing through a mask as a path edge
+  bool null_counts_as_bounce = false;  ///< Mitsuba counts passing through a mask as a path edge
 };
 
 struct Scene {
@@ -120,7 +122,7 @@ struct Scene {
   std::vector<Camera> cameras;
   int default_camera = 0;
   RenderDefaults defaults;
-  TimeSpan animation;                     ///< seconds covered by keys; begin == end: static
+  TimeSpan animation;  ///< seconds covered by keys; begin == end: static
   std::vector<std::string> animation_names;
   std::filesystem::path source;
   /// FNV-like hash of all input files' contents, for metadata and resume.

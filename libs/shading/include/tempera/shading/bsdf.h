@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// A BSDF at one point: a value that a Material fills with lobes once per hit. Closed over its kinds of lobes: evaluating and
-// sampling make no virtual call. Directions are unit vectors in world space and point away from the surface; `wo` is known,
-// `wi` is sampled. Values include the cosine of each lobe's own shading frame ("f_cos"), so that lobes with different
-// frames (bumped base, smooth coat) can share one Bsdf. They are for radiance that travels from wi to wo: transmission has
-// the factor 1/eta^2. For importance (light subpaths) multiply by BsdfSample::eta^2, or swap the arguments of `eval`.
+// A BSDF at one point: a value that a Material fills with lobes once per hit. Closed over its kinds of lobes:
+// evaluating and sampling make no virtual call. Directions are unit vectors in world space and point away from the
+// surface; `wo` is known, `wi` is sampled. Values include the cosine of each lobe's own shading frame ("f_cos"), so
+// that lobes with different frames (bumped base, smooth coat) can share one Bsdf. They are for radiance that travels
+// from wi to wo: transmission has the factor 1/eta^2. For importance (light subpaths) multiply by BsdfSample::eta^2, or
+// swap the arguments of `eval`.
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -25,7 +26,8 @@ enum class Event : std::uint8_t { kDiffuse, kReflection, kTransmission };
 inline constexpr int kEventCount = 3;
 inline constexpr float kSpecularRoughness = 0.1f;
 
-/// f(wo, wi) |cos| split by event, and the solid-angle density with which Bsdf::sample would produce wi. No delta lobes.
+/// f(wo, wi) |cos| split by event, and the solid-angle density with which Bsdf::sample would produce wi. No delta
+/// lobes.
 struct BsdfEval {
   std::array<Rgb, kEventCount> f_cos{};
   float pdf = 0;
@@ -34,19 +36,20 @@ struct BsdfEval {
 
 struct BsdfSample {
   Vec3f wi;
-  /// Split by event. Non-delta: f |cos| of all non-delta lobes in direction wi. Delta: the lobe's coefficient in its event.
+  /// Split by event. Non-delta: f |cos| of all non-delta lobes in direction wi. Delta: the lobe's coefficient in its
+  /// event.
   std::array<Rgb, kEventCount> f_cos{};
-  float pdf = 0;       ///< solid angle density of the mixture; for delta lobes the probability of choosing this lobe
+  float pdf = 0;  ///< solid angle density of the mixture; for delta lobes the probability of choosing this lobe
   bool delta = false;
-  bool transmitted = false;  ///< wi and wo are on opposite sides
+  bool transmitted = false;       ///< wi and wo are on opposite sides
   Event event = Event::kDiffuse;  ///< of the sampled lobe
-  float eta = 1;       ///< relative index of refraction (side of wi over side of wo) crossed by this event; 1 for reflection
-  float roughness = 1; ///< alpha of the sampled lobe; 0 for delta, 1 for diffuse
+  float eta = 1;  ///< relative index of refraction (side of wi over side of wo) crossed by this event; 1 for reflection
+  float roughness = 1;  ///< alpha of the sampled lobe; 0 for delta, 1 for diffuse
   Rgb sum() const { return f_cos[0] + f_cos[1] + f_cos[2]; }
 };
 
-/// A partly reflecting layer (coat, sheen) above lobes: it scales them by min(1 - A(wo), 1 - A(wi)), where A is the layer's
-/// directional albedo. Symmetric, so that reciprocity holds, and never gains energy [Estevez 2017, Sec. 4].
+/// A partly reflecting layer (coat, sheen) above lobes: it scales them by min(1 - A(wo), 1 - A(wi)), where A is the
+/// layer's directional albedo. Symmetric, so that reciprocity holds, and never gains energy [Estevez 2017, Sec. 4].
 struct BsdfLayer {
   enum class Albedo : std::uint8_t {
     kFresnel,  ///< f0 + (f90 - f0)(1 - cos)^5: a smooth coat
@@ -66,8 +69,8 @@ class FixedStack {
  public:
   int size() const { return size_; }
   const T& operator[](int i) const { return std::launder(reinterpret_cast<const T*>(storage_))[i]; }
-  /// Appends and returns the index. More than N is an assertion failure; without assertions the value is dropped and the
-  /// last index returned.
+  /// Appends and returns the index. More than N is an assertion failure; without assertions the value is dropped and
+  /// the last index returned.
   int push(const T& value) {
     TEMPERA_ASSERT(size_ < N);
     if (size_ < N) new (storage_ + std::size_t(size_++) * sizeof(T)) T(value);

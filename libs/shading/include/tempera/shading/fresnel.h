@@ -2,8 +2,8 @@
 #pragma once
 // Fresnel reflectance: exact for dielectrics and conductors, Schlick's approximation for glTF, and the mixtures that
 // Mitsuba's `principled` uses. The structs are what lobes carry: `reflect` and `transmit` are colored coefficients at a
-// microfacet (or the surface), `reflect_probability` is the chance that a sample reflects there. Cosines are between the
-// normal and the direction that is known; positive means from outside (the front).
+// microfacet (or the surface), `reflect_probability` is the chance that a sample reflects there. Cosines are between
+// the normal and the direction that is known; positive means from outside (the front).
 #include <cmath>
 
 #include "tempera/core/vec.h"
@@ -15,8 +15,8 @@ inline float safe_sqrt(float x) { return std::sqrt(std::max(x, 0.0f)); }
 /// What happens at an interface whose inside has `eta` times the index of refraction of its outside.
 struct DielectricInterface {
   float reflectance;  ///< unpolarised, in [0,1]
-  float cos_t;        ///< cosine of the transmitted direction: opposite sign of the incident one, 0 under total reflection
-  float eta;          ///< index of the far side over the near side
+  float cos_t;  ///< cosine of the transmitted direction: opposite sign of the incident one, 0 under total reflection
+  float eta;    ///< index of the far side over the near side
 };
 inline DielectricInterface dielectric_interface(float cos_i, float eta) {
   const bool outside = cos_i >= 0;
@@ -36,7 +36,8 @@ inline DielectricInterface dielectric_interface(float cos_i, float eta) {
   return {r, outside ? -t : t, relative};
 }
 
-/// Reflectance of a conductor with complex index (eta + i k) relative to the outside, for cos_i in [0,1]; one wavelength.
+/// Reflectance of a conductor with complex index (eta + i k) relative to the outside, for cos_i in [0,1]; one
+/// wavelength.
 inline float conductor_reflectance(float cos_i, float eta, float k) {
   const float c2 = cos_i * cos_i, s2 = 1 - c2;
   const float d = eta * eta - k * k - s2;
@@ -62,8 +63,8 @@ inline float schlick_weight_interface(float cos_i, float eta) {
 /// Reflectance at normal incidence.
 inline float reflectance_at_normal(float eta) { return sqr((eta - 1) / (eta + 1)); }
 
-/// Hemispherical average of the reflectance seen from outside an interface of relative index `eta`: rational fits, exact
-/// to 0.2 % for eta > 1 [d'Eon 2011] and to 0.6 % for 1 > eta > 0.5 [Egan 1973].
+/// Hemispherical average of the reflectance seen from outside an interface of relative index `eta`: rational fits,
+/// exact to 0.2 % for eta > 1 [d'Eon 2011] and to 0.6 % for 1 > eta > 0.5 [Egan 1973].
 inline float diffuse_fresnel_reflectance(float eta) {
   const float i = 1 / eta;
   if (eta < 1) return 0.0636f * i + (eta * (eta * -1.4399f + 0.7099f) + 0.6681f);

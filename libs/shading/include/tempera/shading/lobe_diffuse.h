@@ -42,7 +42,8 @@ struct SmoothPlasticLobe : CosineSampled {
   LobeEval eval(const Vec3f& wo, const Vec3f& wi) const {
     const float p = density(wo, wi);
     if (p <= 0) return {};
-    const float t = (1 - dielectric_interface(wo.z, eta).reflectance) * (1 - dielectric_interface(wi.z, eta).reflectance);
+    const float t =
+        (1 - dielectric_interface(wo.z, eta).reflectance) * (1 - dielectric_interface(wi.z, eta).reflectance);
     return {reflectance * (p * t), p};
   }
 };

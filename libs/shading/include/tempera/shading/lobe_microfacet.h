@@ -54,11 +54,11 @@ struct RoughInterfaceLobe {
     const float choice = fresnel.reflect_probability(om);
     const float density = microfacet.sample_visible ? d * g_o * std::abs(om / wo.z)
                                                     : sampling_distribution(wo).pdf(wo.z > 0 ? wo : -wo, m);
-    if (reflect)
-      return {fresnel.reflect(om) * (d * g / (4 * std::abs(wo.z))), choice * density / (4 * std::abs(im))};
+    if (reflect) return {fresnel.reflect(om) * (d * g / (4 * std::abs(wo.z))), choice * density / (4 * std::abs(im))};
     // Half-vector Jacobian; 1/eta^2 turns transmitted power into radiance and cancels the eta^2 of the Jacobian.
     const float jacobian = std::abs(im) / sqr(om + eta * im);
-    return {fresnel.transmit(om) * (d * g * std::abs(om / wo.z) * jacobian), (1 - choice) * density * jacobian * eta * eta};
+    return {fresnel.transmit(om) * (d * g * std::abs(om / wo.z) * jacobian),
+            (1 - choice) * density * jacobian * eta * eta};
   }
   bool sample(const Vec3f& wo, float u_choice, const Vec2f& u, Vec3f& wi) const {
     if (wo.z == 0) return false;

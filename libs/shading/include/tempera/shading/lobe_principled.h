@@ -18,9 +18,9 @@ struct PrincipledDiffuseLobe : CosineSampled {
 /// Isotropic GTR1 with Mitsuba's fixed masking of alpha 0.25, seen from the front.
 struct ClearcoatLobe {
   static constexpr bool kDelta = false;
-  float weight = 0;   ///< clearcoat / 4
+  float weight = 0;  ///< clearcoat / 4
   float alpha = 0.1f;
-  float eta = 1.5f;   ///< only decides which cosine Schlick's term uses
+  float eta = 1.5f;  ///< only decides which cosine Schlick's term uses
   float roughness() const { return alpha; }
   LobeEval eval(const Vec3f& wo, const Vec3f& wi) const;
   bool sample(const Vec3f& wo, float, const Vec2f& u, Vec3f& wi) const;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Materials: what a user names in a scene file. Once per hit a material adds its lobes to a Bsdf; nothing of it is called
-// per sample after that. Factories take parameter structs whose defaults are Mitsuba's or glTF's.
+// Materials: what a user names in a scene file. Once per hit a material adds its lobes to a Bsdf; nothing of it is
+// called per sample after that. Factories take parameter structs whose defaults are Mitsuba's or glTF's.
 #include <memory>
 #include <string>
 
@@ -74,11 +74,11 @@ struct PrincipledParams {
 };
 MaterialPtr make_principled(const PrincipledParams& params);
 
-/// glTF 2.0 metallic-roughness with KHR_materials_{transmission, volume, ior, specular, clearcoat, sheen, anisotropy, unlit
-/// via emission}. Factors are folded into the slots (glTF multiplies factor and texture).
+/// glTF 2.0 metallic-roughness with KHR_materials_{transmission, volume, ior, specular, clearcoat, sheen, anisotropy,
+/// unlit via emission}. Factors are folded into the slots (glTF multiplies factor and texture).
 struct MetallicRoughnessParams {
   Slot base_color{1.0f};
-  Slot metallic{1.0f}, roughness{1.0f};       ///< roughness is perceptual: alpha = roughness^2
+  Slot metallic{1.0f}, roughness{1.0f};  ///< roughness is perceptual: alpha = roughness^2
   Slot transmission{0.0f};
   Slot specular{1.0f}, specular_color{1.0f};  ///< KHR_materials_specular
   float ior = 1.5f;
@@ -87,10 +87,11 @@ struct MetallicRoughnessParams {
   float clearcoat_normal_scale = 1;
   Slot sheen_color{0.0f}, sheen_roughness{0.0f};
   Slot anisotropy{0.0f};
-  float anisotropy_rotation = 0;              ///< radians
-  bool thin_walled = true;                    ///< no KHR_materials_volume, or thickness 0
+  float anisotropy_rotation = 0;                        ///< radians
+  std::shared_ptr<const Texture> anisotropy_direction;  ///< red, green in [0,1]: direction in [-1,1] along s, t
+  bool thin_walled = true;                              ///< no KHR_materials_volume, or thickness 0
   Rgb attenuation_color{1.0f};
-  float attenuation_distance = kInfinity;     ///< metres
+  float attenuation_distance = kInfinity;  ///< metres
   bool double_sided = false;
   bool use_vertex_color = false;
 };

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Distributions of microfacet normals with Smith masking, and how to sample them. Directions are unit vectors in the local
-// shading frame (normal +z, tangent +x); a microfacet normal m has m.z > 0.
+// Distributions of microfacet normals with Smith masking, and how to sample them. Directions are unit vectors in the
+// local shading frame (normal +z, tangent +x); a microfacet normal m has m.z > 0.
 #include <cmath>
 #include <cstdint>
 

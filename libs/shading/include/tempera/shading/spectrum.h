@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// From what scene files say about spectra (samples, names of metals and glasses, temperatures) to linear RGB, as Mitsuba's
-// rgb variants convert it.
+// From what scene files say about spectra (samples, names of metals and glasses, temperatures) to linear RGB, as
+// Mitsuba's rgb variants convert it.
 #include <optional>
 #include <span>
 #include <string>
@@ -12,11 +12,11 @@
 
 namespace tempera {
 
-/// Linear RGB of a spectrum given by `values` at increasing `wavelengths` (nm), linear between them and zero outside; by
-/// the CIE 1931 observer over 360 to 830 nm, normalised so that the constant 1 has luminance 1. Not clamped: saturated
-/// spectra have negative components. `emission`: integrated as it is (an equal-energy spectrum is slightly reddish);
-/// otherwise as a reflector under D65, where a constant is itself.
-/// Errors: Error{kBadInput} if sizes differ, are zero, wavelengths do not increase or a number is not finite.
+/// Linear RGB of a spectrum given by `values` at increasing `wavelengths` (nm), linear between them and zero outside;
+/// by the CIE 1931 observer over 360 to 830 nm, normalised so that the constant 1 has luminance 1. Not clamped:
+/// saturated spectra have negative components. `emission`: integrated as it is (an equal-energy spectrum is slightly
+/// reddish); otherwise as a reflector under D65, where a constant is itself. Errors: Error{kBadInput} if sizes differ,
+/// are zero, wavelengths do not increase or a number is not finite.
 Rgb spectrum_to_rgb(std::span<const float> wavelengths, std::span<const float> values, bool emission);
 
 /// Linear RGB of the radiance of a black body at `kelvin` (> 0), in W/(m^2 sr nm) as spectrum_to_rgb weighs it.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Values over surfaces: constants (possibly animated) and textures. Evaluated once per hit when a material makes its BSDF.
+// Values over surfaces: constants (possibly animated) and textures. Evaluated once per hit when a material makes its
+// BSDF.
 #include <cstddef>
 #include <filesystem>
 #include <memory>
@@ -15,16 +16,16 @@ namespace tempera {
 
 /// What a material or texture may look at: one point of a surface at one time, seen from `wo`.
 struct ShadingPoint {
-  Vec3f p;             ///< world position
-  Vec3f ng;            ///< unit geometric normal; the front side is where it points
-  Basis frame;         ///< shading frame: n the interpolated normal (same side as ng), s along dpdu
-  Vec3f dpdu, dpdv;    ///< world, per unit uv
-  Vec3f dndu, dndv;    ///< of the unit shading normal, per unit uv
-  Vec2f uv, uv1;       ///< first and second texture coordinates
-  Rgb color{1.0f};     ///< vertex or face color attribute, white without one
+  Vec3f p;           ///< world position
+  Vec3f ng;          ///< unit geometric normal; the front side is where it points
+  Basis frame;       ///< shading frame: n the interpolated normal (same side as ng), s along dpdu
+  Vec3f dpdu, dpdv;  ///< world, per unit uv
+  Vec3f dndu, dndv;  ///< of the unit shading normal, per unit uv
+  Vec2f uv, uv1;     ///< first and second texture coordinates
+  Rgb color{1.0f};   ///< vertex or face color attribute, white without one
   float color_alpha = 1;
-  Vec3f wo;            ///< unit, away from the surface
-  double time = 0;     ///< seconds on the shot's axis
+  Vec3f wo;              ///< unit, away from the surface
+  double time = 0;       ///< seconds on the shot's axis
   Vec2f duv_dx, duv_dy;  ///< texture footprint of a pixel step; zero: no filtering
   int bsdf_frame = -1;   ///< index of `frame` in the Bsdf that materials are filling; -1: not registered yet
 };
@@ -37,7 +38,8 @@ class Texture {
   virtual Rgb rgb(const ShadingPoint& point) const = 0;
   /// First channel: roughness, opacity and other non-color data. Textures of one channel override it.
   virtual float scalar(const ShadingPoint& point) const { return rgb(point).r; }
-  /// Derivatives of `scalar` along the surface's u and v (bump mapping). Central differences where a texture knows none.
+  /// Derivatives of `scalar` along the surface's u and v (bump mapping). Central differences where a texture knows
+  /// none.
   virtual Vec2f scalar_gradient(const ShadingPoint& point) const;
   /// Mean over uv in [0,1]^2: for light sampling and lobe probabilities.
   virtual Rgb mean() const = 0;
@@ -49,10 +51,10 @@ struct Slot {
   std::shared_ptr<const Texture> texture;
 
   Slot() = default;
-  Slot(float v) : factor(Rgb(v)) {}                                             // NOLINT: a constant is a slot
-  Slot(const Rgb& v) : factor(v) {}                                             // NOLINT
-  Slot(Animated<Rgb> v) : factor(std::move(v)) {}                               // NOLINT
-  Slot(std::shared_ptr<const Texture> t) : texture(std::move(t)) {}             // NOLINT
+  Slot(float v) : factor(Rgb(v)) {}                                  // NOLINT: a constant is a slot
+  Slot(const Rgb& v) : factor(v) {}                                  // NOLINT
+  Slot(Animated<Rgb> v) : factor(std::move(v)) {}                    // NOLINT
+  Slot(std::shared_ptr<const Texture> t) : texture(std::move(t)) {}  // NOLINT
   Slot(Animated<Rgb> v, std::shared_ptr<const Texture> t) : factor(std::move(v)), texture(std::move(t)) {}
 
   Rgb rgb(const ShadingPoint& point) const {
@@ -86,11 +88,11 @@ struct ImageTextureParams {
   Wrap wrap_u = Wrap::kRepeat, wrap_v = Wrap::kRepeat;
   TextureFilter filter = TextureFilter::kBilinear;
   ColorEncoding encoding = ColorEncoding::kAuto;
-  UvTransform transform;        ///< from surface uv to image uv
-  bool flip_v = false;          ///< image row 0 is at v = 1 (Mitsuba) instead of v = 0 (glTF)
-  int uv_set = 0;               ///< 0 or 1
+  UvTransform transform;  ///< from surface uv to image uv
+  bool flip_v = false;    ///< image row 0 is at v = 1 (Mitsuba) instead of v = 0 (glTF)
+  int uv_set = 0;         ///< 0 or 1
   Channel channel = Channel::kRgb;
-  bool invert = false;          ///< 1 - value
+  bool invert = false;  ///< 1 - value
 };
 /// Texture from an image file through OpenImageIO.
 /// Errors: Error{kMissingFile} or Error{kBadInput} at `loc`.
@@ -98,8 +100,8 @@ std::shared_ptr<const Texture> make_image_texture(const ImageTextureParams& para
 /// The same from encoded bytes in memory (glTF buffers): `name` identifies them in messages and caches.
 std::shared_ptr<const Texture> make_image_texture(const ImageTextureParams& params, std::string_view encoded,
                                                   const std::string& name, const SourceLoc& loc = {});
-/// Bytes that decoded images may take together before image files are paged in tiles through OpenImageIO's cache, which is
-/// then bounded by the same number; 1 GiB unless set. Applies to images that are loaded later. Threads: safe.
+/// Bytes that decoded images may take together before image files are paged in tiles through OpenImageIO's cache, which
+/// is then bounded by the same number; 1 GiB unless set. Applies to images that are loaded later. Threads: safe.
 void set_image_memory_budget(std::size_t bytes);
 
 /// Mitsuba's checkerboard: color0 where both halves of a unit cell agree, color1 elsewhere.
