@@ -315,6 +315,8 @@ std::vector<int> GltfImporter::build_group(const GroupKey& key, bool last_use) {
             *track, [n = source.targets](const float* v) { return std::vector<float>(v, v + n); });
       } else {
         bake_morph_targets(mesh, weights);
+        if (!std::all_of(mesh.positions.begin(), mesh.positions.end(), [](const Vec3f& p) { return is_finite(p); }))
+          primitive.json.fail("the morph targets move a vertex beyond all bounds");
       }
     }
     shape.geometry = std::move(mesh);

@@ -217,11 +217,9 @@ MetallicRoughnessParams GltfMaterials::metallic_roughness(const Json& json, cons
   const auto path = [&](const char* name) { return pointer + "/extensions/" + name; };
 
   if (const Json e = extension("KHR_materials_ior")) {
-    const double ior = e["ior"].number(1.5);
-    if (ior != 0 && !(ior >= 1 && ior < 1e3))
-      e["ior"].fail(ErrorCode::kOutOfRange, fmt::format("{} is neither 0 nor at least 1", ior));
-    if (ior == 0) document_.warn("an index of refraction of 0 (all light is reflected) is read as 1.5", e);
-    p.ior = ior == 0 ? 1.5f : float(ior);
+    p.ior = float(e["ior"].number(1.5));  // 0 stands for an infinite one: all light is reflected
+    if (p.ior != 0 && !(p.ior >= 1 && p.ior < 1e3f))
+      e["ior"].fail(ErrorCode::kOutOfRange, fmt::format("{} is neither 0 nor in [1, 1000)", p.ior));
   }
   if (const Json e = extension("KHR_materials_specular")) {
     const std::string name = path("KHR_materials_specular");
@@ -250,8 +248,8 @@ MetallicRoughnessParams GltfMaterials::metallic_roughness(const Json& json, cons
     }
     p.attenuation_color = Rgb(float(rgb[0]), float(rgb[1]), float(rgb[2]));
     const Json distance = e["attenuationDistance"];
-    if (distance && !(distance.number(1) > 0)) distance.fail(ErrorCode::kOutOfRange, "a distance is greater than 0");
     p.attenuation_distance = float(std::min(distance.number(double(kInfinity)), double(kInfinity)));
+    if (!(p.attenuation_distance > 0)) distance.fail(ErrorCode::kOutOfRange, "a distance is greater than 0");
   }
   if (const Json e = extension("KHR_materials_clearcoat")) {
     const std::string name = path("KHR_materials_clearcoat");

@@ -16,6 +16,8 @@ namespace tempera {
 
 namespace {
 
+constexpr int kMaxSide = 65536;  // pixels
+
 /// "1280x720", "1280,720" or "0.5,1": the numbers of a list. Errors: Error{kBadInput} unless there are `count` (0: any).
 template <class T>
 std::vector<T> numbers(const ShotConfig& config, const std::string& key, std::size_t count, const char* form) {
@@ -46,29 +48,34 @@ Error out_of_range(const ShotConfig& config, const std::string& key, const std::
   return Error(ErrorCode::kOutOfRange, config.loc(key), what);
 }
 
-void settle_film(const ShotConfig& config, const RenderDefaults& defaults, RenderSettings& s) {
+void settle_film(const ShotConfig& config, const Scene& scene, RenderSettings& s) {
+  const RenderDefaults& defaults = scene.defaults;
+  const SourceLoc scene_loc{scene.source.string()};
   s.width = defaults.width.value_or(s.width);
   s.height = defaults.height.value_or(s.height);
-  constexpr int kMaxSide = 65536;
-  if (config.find("film.resolution")) {
+  const bool own_resolution = config.find("film.resolution");
+  if (own_resolution) {
     const auto size = numbers<int>(config, "film.resolution", 2, "1280x720 or [1280, 720]");
     s.width = size[0], s.height = size[1];
-    if (std::min(s.width, s.height) < 1 || std::max(s.width, s.height) > kMaxSide) {
-      throw out_of_range(config, "film.resolution",
-                         fmt::format("the resolution {}x{} is out of range; each side is 1 to {}", s.width, s.height, kMaxSide));
-    }
   }
-  s.crop_x = defaults.crop_x, s.crop_y = defaults.crop_y;
-  s.crop_width = defaults.crop_width, s.crop_height = defaults.crop_height;
+  if (std::min(s.width, s.height) < 1 || std::max(s.width, s.height) > kMaxSide) {
+    throw Error(ErrorCode::kOutOfRange, own_resolution ? config.loc("film.resolution") : scene_loc,
+                fmt::format("the resolution {}x{} is out of range; each side is 1 to {}", s.width, s.height, kMaxSide));
+  }
   if (config.find("film.crop")) {
     const auto crop = numbers<int>(config, "film.crop", 4, "left,top,width,height");
     s.crop_x = crop[0], s.crop_y = crop[1], s.crop_width = crop[2], s.crop_height = crop[3];
-    const bool inside = s.crop_x >= 0 && s.crop_y >= 0 && s.crop_width > 0 && s.crop_height > 0 &&
-                        s.crop_width <= s.width - s.crop_x && s.crop_height <= s.height - s.crop_y;
-    if (!inside) {
-      throw out_of_range(config, "film.crop", fmt::format("the crop {},{} {}x{} is not inside of the picture of {}x{}",
-                                                          crop[0], crop[1], crop[2], crop[3], s.width, s.height));
-    }
+  } else if (!own_resolution) {  // the scene's window is one on the scene's film
+    s.crop_x = defaults.crop_x, s.crop_y = defaults.crop_y;
+    s.crop_width = defaults.crop_width, s.crop_height = defaults.crop_height;
+  }
+  const bool whole = !config.find("film.crop") && s.crop_width == 0;
+  const bool inside = s.crop_x >= 0 && s.crop_y >= 0 && s.crop_width > 0 && s.crop_height > 0 &&
+                      s.crop_width <= s.width - s.crop_x && s.crop_height <= s.height - s.crop_y;
+  if (!whole && !inside) {
+    throw Error(ErrorCode::kOutOfRange, config.find("film.crop") ? config.loc("film.crop") : scene_loc,
+                fmt::format("the crop of {}x{} at {},{} is not inside of the picture of {}x{}", s.crop_width, s.crop_height,
+                            s.crop_x, s.crop_y, s.width, s.height));
   }
   const double scale = config.get_double("film.scale") / 100;
   if (scale != 1) {
@@ -366,7 +373,7 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
     log_warning(fmt::format("{} has no camera: using one that sees everything", scene.source.string()));
   }
   RenderSettings& s = shot.settings;
-  settle_film(config, scene.defaults, s);
+  settle_film(config, scene, s);
   settle_clock(config, scene.defaults, s.clock);
   s.camera = find_camera(config, scene);
   s.spp = config.find("sampling.spp") ? config.get_int("sampling.spp") : scene.defaults.spp.value_or(s.spp);

@@ -82,7 +82,7 @@ class MetallicRoughness final : public Material {
   Rgb absorption(const ShadingPoint&) const override { return absorption_; }
   bool has_absorption() const override { return transmits_ && !is_black(absorption_); }
   int max_lobes() const override { return 5; }
-  int max_frames() const override { return 4; }
+  int max_frames() const override { return 5; }
   int max_layers() const override { return 3; }
 
  private:

@@ -88,7 +88,7 @@ class FixedStack {
 class Bsdf {
  public:
   static constexpr int kMaxLobes = 16;
-  static constexpr int kMaxFrames = 8;
+  static constexpr int kMaxFrames = 12;
   static constexpr int kMaxLayers = 8;
 
   Bsdf() {}  // NOLINT: with "= default", Bsdf{} would zero the uninitialised storage
