@@ -88,6 +88,7 @@ Shot render_shot(Program& program, const RenderFlags& flags) {
     if (shot.output.empty()) {
       throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "no output is named; add -o out/frame.####.exr");
     }
+    if (!flags.tev.empty()) tev = make_tev_display(parse_tev_address(flags.tev), shot.source.stem().string());
     log_info(fmt::format("frames {}", describe_frames(shot.frames)));
     if (shot.write.names != AovNames::kTempera) {
       const auto layers = find_integrator(shot.integrator).make(shot.params)->outputs(shot.settings);
@@ -95,10 +96,7 @@ Shot render_shot(Program& program, const RenderFlags& flags) {
     }
     const std::unique_ptr<RenderObserver> progress = make_progress(kind);
     std::vector<RenderObserver*> observers{progress.get()};
-    if (!flags.tev.empty()) {
-      tev = make_tev_display(parse_tev_address(flags.tev), shot.source.stem().string());
-      observers.push_back(tev.get());
-    }
+    if (tev) observers.push_back(tev.get());
     RenderOptions options;
     options.resume = flags.resume;
     options.checkpoint_seconds = 60 * flags.checkpoint_minutes;

@@ -119,7 +119,7 @@ class CliTest : public testing::Test {
   fs::path folder_;
 };
 
-/// A small, quick render of a scene in motion: 80x60 pixels, six tiles a frame. Later arguments win where they can.
+/// A small, quick render of a scene in motion: 80x60 pixels, six tiles a frame.
 inline std::vector<std::string> quick_render(const std::string& output, std::vector<std::string> more = {}) {
   std::vector<std::string> arguments{"render", source_file("scenes/tests/cornell_motion.xml"), "-o", output,
                                      "--resolution", "80x60", "--layers", "motion,albedo,halves,samples", "--shutter", "0,0.5"};

@@ -124,7 +124,7 @@ TEST_F(CliRender, SecondInterruptEndsAtOnce) {
 TEST_F(CliRender, UnwritableOutputIsOneMessageBeforeRendering) {
   // As root every folder is writable, but not one below a file or in /proc.
   write("file", "x");
-  for (const std::string& output : {path("file/f.####.exr"), std::string("/proc/tempera/f.####.exr")}) {
+  for (const std::string& output : {path("file/f.####.exr"), std::string("/proc/nowhere/f.####.exr")}) {
     const Outcome o = run(quick_render(output, {"--frames", "1-2", "--spp", "1"}));
     EXPECT_EQ(o.status, 1) << o.err;
     EXPECT_EQ(o.err.find("done:"), std::string::npos) << o.err;
@@ -155,7 +155,8 @@ TEST_F(CliRender, FullDiskKeepsWhatIsFinished) {
 
 TEST_F(CliRender, MemoryLimitIsStatusFiveAndOneLine) {
   // Refused by the estimate: pictures of 4 GiB.
-  const Outcome estimate = render("a", {"--frames", "1", "--spp", "1", "--resolution", "16384x16384", "--memory-limit", "600M"});
+  const Outcome estimate = run({"render", source_file("scenes/tests/cornell.xml"), "-o", path("a/f.####.exr"), "--frames", "1", "--spp", "1", "--resolution",
+                                "16384x16384", "--memory-limit", "600M"});
   EXPECT_EQ(estimate.status, 5) << estimate.err;
   EXPECT_NE(estimate.err.find("--memory-limit"), std::string::npos) << estimate.err;
   // Found out while running: less than the program takes by itself.

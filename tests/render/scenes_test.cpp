@@ -45,7 +45,7 @@ Vec2d world(int x, int y, double fov = 40 * kDegree) {
 }
 
 /// Compares both vectors with the wanted ones on pixels well inside of the card, and expects rest outside.
-/// `tolerance` in pixels: samples lie anywhere in their pixel.
+/// `tolerance` in pixels. The vectors are those of pixel centers.
 template <class F>
 void expect_motion(const Rendered& r, F&& wanted, double half_width, double tolerance) {
   int inside = 0;
@@ -107,6 +107,15 @@ TEST(MotionVectors, ZoomingCamera) {
         return Vec2d{(x + 0.5 - kSide / 2) * scale, (y + 0.5 - kSide / 2) * scale};
       },
       0.6, 0.02);
+}
+
+TEST(MotionVectors, OpenShutterKeepsTheVectorsOfItsMiddle) {
+  std::vector<std::string> keys = kVectors;
+  keys[2] = "shutter.open=-0.5", keys[3] = "shutter.close=0.5";
+  const Rendered still = render("tests/card_rotate.gltf", 12, kVectors), blurred = render("tests/card_rotate.gltf", 12, keys);
+  for (const char* layer : {"motion.forward", "motion.backward"}) {
+    EXPECT_EQ(still.frame.layer(layer), blurred.frame.layer(layer)) << layer;
+  }
 }
 
 TEST(MotionBlur, EdgesOfAMovingCardAreRamps) {
