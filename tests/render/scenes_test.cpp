@@ -113,9 +113,20 @@ TEST(MotionVectors, OpenShutterKeepsTheVectorsOfItsMiddle) {
   std::vector<std::string> keys = kVectors;
   keys[2] = "shutter.open=-0.5", keys[3] = "shutter.close=0.5";
   const Rendered still = render("tests/card_rotate.gltf", 12, kVectors), blurred = render("tests/card_rotate.gltf", 12, keys);
+  // The same surface is met by other arithmetic once it moves during the exposure: equal to rounding, not to the bit.
+  int compared = 0;
   for (const char* layer : {"motion.forward", "motion.backward"}) {
-    EXPECT_EQ(still.frame.layer(layer), blurred.frame.layer(layer)) << layer;
+    for (int y = 0; y < kSide; ++y) {
+      for (int x = 0; x < kSide; ++x) {
+        if (still.frame.layer("object_id").at(x, y) != blurred.frame.layer("object_id").at(x, y)) continue;
+        ++compared;
+        for (int c = 0; c < 4; ++c) {
+          ASSERT_NEAR(still.frame.layer(layer).at(x, y, c), blurred.frame.layer(layer).at(x, y, c), 1e-3) << layer;
+        }
+      }
+    }
   }
+  EXPECT_GT(compared, 2 * kSide * kSide - 20);
 }
 
 TEST(MotionBlur, EdgesOfAMovingCardAreRamps) {
