@@ -114,11 +114,14 @@ TEST_F(CliRender, SignalsSaveTheFrameInProgress) {
 }
 
 TEST_F(CliRender, SecondInterruptEndsAtOnce) {
-  Process p(quick_render(path("a/f.####.exr"), {"--frames", "1-100", "--spp", "200"}));
+  // A single tile that takes minutes, so that nothing but the second signal can end it.
+  Process p(quick_render(path("a/f.####.exr"), {"--frames", "1", "--spp", "1000000", "--crop", "40,30,8,8"}));
   ASSERT_TRUE(p.wait_until([&] { return fs::exists(path("a")); }));
   p.signal(SIGINT);
+  ASSERT_TRUE(p.wait_until([&] { return p.err_so_far().find("stopping") != std::string::npos; }));
   p.signal(SIGINT);
   EXPECT_EQ(p.finish().status, 130);
+  EXPECT_FALSE(fs::exists(frame("a", 1) + ".partial"));
 }
 
 TEST_F(CliRender, UnwritableOutputIsOneMessageBeforeRendering) {

@@ -208,7 +208,7 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
       if (lights.has_environment() && !(hide_emitters_ && seen_by_camera)) {
         const Rgb le = lights.environment(ray.d, time, seen_by_camera);
         if (!is_black(le)) {
-          const float w = mis ? power_heuristic(bsdf_pdf, lights.environment_pdf(ray.d, time)) : 1.0f;
+          const float w = mis ? power_heuristic(bsdf_pdf, lights.environment_pdf(ray.d, time, previous)) : 1.0f;
           tally.add(state, beta * le * w, edges > 1);
           if (seen_by_camera) result.alpha = 0;
         }

@@ -260,6 +260,50 @@ TEST(Path, MovingCardBlursAnalytically) {
   EXPECT_NEAR(total, 8, 0.02);
 }
 
+// Many kinds of light at once: the probabilities of choosing them must be those that the weights use. One light at a time
+// is the reference; a hidden light gives nothing.
+TEST(Path, LightsAddUpHoweverTheyAreChosen) {
+  const auto shot = [](int which) {  // -1: all
+    TestShot s;
+    Mesh floor = make_rectangle();
+    transform(floor, scale(Vec3d{50, 50, 1}));
+    s.add(floor, make_diffuse(0.5f));
+    s.perspective(Affine3d(look_at(Vec3f{0, -6, 3}, Vec3f{0, 0, 0}, Vec3f{0, 0, 1})), 0.8f);
+    const auto on = [&](int i) { return which < 0 || which == i; };
+    const auto punctual = [&](LightType type, const Affine3d& pose, float intensity, float visible) {
+      PunctualLight l;
+      l.type = type;
+      l.intensity = Rgb(intensity);
+      l.node = s.node(pose);
+      s.scene.nodes.back().visibility = visible;
+      s.scene.lights.push_back(l);
+    };
+    if (on(0)) punctual(LightType::kPoint, translate(Vec3d{1, 1, 1}), 1, 1);
+    if (on(1)) punctual(LightType::kDirectional, Affine3d(look_at(Vec3d{1, 0, 1}, Vec3d{}, Vec3d{0, 1, 0})), 0.3f, 1);
+    if (on(2)) {
+      Shape& ball = s.add(Sphere{Affine3f{{0.2f, 0, 0}, {0, 0.2f, 0}, {0, 0, 0.2f}, {-1, 0, 0.8f}}}, make_black());
+      ball.emission = AreaEmission{Slot(3.0f), false};
+    }
+    if (on(3)) {
+      Environment e;
+      e.radiance = Rgb(0.1f);
+      s.scene.environments = {e};
+    }
+    if (which < 0) punctual(LightType::kPoint, translate(Vec3d{0, 0, 1}), 100, 0);
+    s.settings.spp = 256;
+    const Image image = s.render().layer("color");
+    double sum = 0;
+    for (int y = 16; y < 32; ++y) {  // the floor, below everything that casts a shadow on it
+      for (int x = 0; x < 32; ++x) sum += luminance(image.rgb(x, y)) / 512;
+    }
+    return sum;
+  };
+  double parts = 0;
+  for (int i = 0; i < 4; ++i) parts += shot(i);
+  // The ball shades the floor from the other lights only where it stands: a small part of the picture.
+  EXPECT_NEAR(shot(-1) / parts, 1, 0.01);
+}
+
 TEST(Path, ThinLensBlursByTheCircleOfConfusion) {
   TestShot shot;
   shot.settings.width = 64, shot.settings.height = 64;

@@ -5,6 +5,7 @@
 #include <unordered_map>
 
 #include "distribution.h"
+#include "light_choice.h"
 
 namespace tempera {
 
@@ -38,7 +39,7 @@ struct LightSampler::Impl {
   std::vector<AreaLight> areas;
   std::vector<EnvironmentMap> environments;
   std::unordered_map<std::uint64_t, std::uint32_t> area_index;  // (instance, shape) -> areas
-  Discrete choice;                                              // areas, then punctual lights, then environments
+  LightChoice choice;  // areas, then punctual lights, then environments
   double reference_time = 0;
 
   Affine3f environment_frame(const EnvironmentMap& e, double t) const {
@@ -90,7 +91,6 @@ struct LightSampler::Impl {
     const Vec3f local{s * std::sin(phi), std::cos(theta), -s * std::cos(phi)};
     return normalize(environment_frame(e, t).vector(local));
   }
-  float choice_probability(std::size_t light) const { return choice.probability(std::uint32_t(light)); }
   std::size_t first_environment() const { return areas.size() + scene->lights.size(); }
 
   /// Center and radius if the light is a sphere under a similarity at time t.
@@ -113,11 +113,12 @@ struct LightSampler::Impl {
   std::optional<LightSample> sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u) const;
   std::optional<LightSample> sample_punctual(const PunctualLight& light, const Vec3f& p, double t) const;
   float area_of(const AreaLight& light, double t) const;
+  LightReach reach_of(const AreaLight& light, float radiance) const;
 };
 
 LightSampler::LightSampler(LightSampler&&) noexcept = default;
 LightSampler::~LightSampler() = default;
-bool LightSampler::empty() const { return impl_->choice.size() == 0; }
+bool LightSampler::empty() const { return impl_->choice.empty(); }
 bool LightSampler::has_environment() const { return !impl_->environments.empty(); }
 
 float LightSampler::Impl::area_of(const AreaLight& light, double t) const {
@@ -131,12 +132,31 @@ float LightSampler::Impl::area_of(const AreaLight& light, double t) const {
                                : unit * std::sqrt(0.5f * (length_squared(m.x) + length_squared(m.y))) * length(m.z);
 }
 
+LightReach LightSampler::Impl::reach_of(const AreaLight& light, float radiance) const {
+  Bounds3f box;
+  if (light.mesh) {
+    for (std::uint32_t k = 0; k < light.mesh->triangle_count(); ++k) {
+      for (const Vec2f b : {Vec2f{0, 0}, Vec2f{1, 0}, Vec2f{0, 1}}) {
+        box.extend(rays->position({light.instance, light.shape, k, b.x, b.y}, reference_time));
+      }
+    }
+  } else {
+    const Affine3f m = world_from_unit(light, reference_time);
+    for (int i = 0; i < 8; ++i) box.extend(m.point({i & 1 ? 1.0f : -1.0f, i & 2 ? 1.0f : -1.0f, i & 4 ? 1.0f : -1.0f}));
+  }
+  return {.constant = 0,
+          .near = radiance * area_of(light, reference_time),
+          .center = box.center(),
+          .radius = std::max(box.radius(), 1e-6f * rays->bounds().radius())};
+}
+
 LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std::make_unique<Impl>()) {
   Impl& s = *impl_;
   s.scene = &scene;
   s.rays = &rays;
   s.reference_time = 0.5 * (rays.rays().begin + rays.rays().end);
   std::vector<float> powers;
+  std::vector<LightReach> reaches;
   for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
     const Instance& instance = scene.instances[i];
     if (!scene.visible(instance.node, s.reference_time)) continue;
@@ -176,6 +196,7 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
           light.object_from_unit = Affine3f(scene.world(instance.node, s.reference_time)) * light.object_from_unit;
         }
       }
+      reaches.push_back(s.reach_of(light, luminance(mean_radiance)));
       powers.push_back(kPi * luminance(mean_radiance) * s.area_of(light, s.reference_time) *
                        (light.emission->two_sided ? 2.0f : 1.0f));
       s.area_index[(std::uint64_t(i) << 32) | light.shape] = std::uint32_t(s.areas.size());
@@ -188,6 +209,14 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
         luminance(light.intensity.at(s.reference_time)) * light.intensity_scale.at(s.reference_time);
     const float cone = 2 * kPi * (1 - std::cos(light.cutoff_angle.at(s.reference_time)));
     const bool shown = scene.visible(light.node, s.reference_time);
+    LightReach reach;
+    if (shown && light.type == LightType::kDirectional) reach.constant = intensity;
+    if (shown && light.type != LightType::kDirectional) {
+      reach.near = intensity;
+      reach.center = Vec3f(scene.world(light.node, s.reference_time).translation);
+      reach.radius = 1e-3f * radius;
+    }
+    reaches.push_back(reach);
     powers.push_back(!shown                                  ? 0.0f
                      : light.type == LightType::kDirectional ? intensity * kPi * sqr(radius)
                      : light.type == LightType::kPoint       ? intensity * 4 * kPi
@@ -232,8 +261,9 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
       e.rows = Discrete(row_sums);
       mean_luminance = sum / norm;
     }
-    powers.push_back(float(mean_luminance) * luminance(environment.radiance.at(s.reference_time)) * 4 * kPi * kPi *
-                     sqr(radius));
+    const float radiance = float(mean_luminance) * luminance(environment.radiance.at(s.reference_time));
+    reaches.push_back({.constant = kPi * radiance, .near = 0, .center = {}, .radius = 0});
+    powers.push_back(radiance * 4 * kPi * kPi * sqr(radius));
     s.environments.push_back(std::move(e));
   }
   // Half by power, half evenly: power alone starves small lights that matter nearby.
@@ -243,7 +273,7 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
   if (total > 0) {
     for (float& p : powers) p = p > 0 ? float(0.5 * p / total + 0.5 / double(usable)) : 0;
   }
-  s.choice = Discrete(powers);
+  s.choice = LightChoice(std::move(reaches), powers);
 }
 
 float LightSampler::Impl::pdf_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& ng, double t) const {
@@ -374,16 +404,16 @@ std::optional<LightSample> LightSampler::Impl::sample_punctual(const PunctualLig
 
 std::optional<LightSample> LightSampler::sample(const Vec3f& p, double t, float u_choice, const Vec2f& u) const {
   const Impl& s = *impl_;
-  if (s.choice.size() == 0) return std::nullopt;
-  const std::uint32_t light = s.choice.sample(u_choice);
-  const float probability = s.choice_probability(light);
+  if (s.choice.empty()) return std::nullopt;
+  const auto [light, probability] = s.choice.sample(p, u_choice);
+  if (!(probability > 0)) return std::nullopt;
   if (light >= s.first_environment()) {
     const EnvironmentMap& e = s.environments[light - s.first_environment()];
     LightSample r;
     r.wi = s.sample_direction(e, t, u);
     r.distance = kInfinity;
     r.radiance = environment(r.wi, t);
-    r.pdf = environment_pdf(r.wi, t);
+    r.pdf = environment_pdf(r.wi, t, p);
     return r.pdf > 0 ? std::optional(r) : std::nullopt;
   }
   if (light >= s.areas.size()) {
@@ -406,7 +436,7 @@ float LightSampler::pdf(const SurfacePoint& point, const ShadingPoint& s, const 
   const auto it = impl_->area_index.find((std::uint64_t(point.instance) << 32) | point.shape);
   if (it == impl_->area_index.end()) return 0;
   const AreaLight& light = impl_->areas[it->second];
-  const float probability = impl_->choice_probability(it->second);
+  const float probability = impl_->choice.probability(from, it->second);
   if (const auto sphere = impl_->round_sphere(light, s.time)) {
     const float d2 = length_squared(sphere->center - from), r2 = sqr(sphere->radius);
     if (d2 > r2 * 1.0001f) {
@@ -428,10 +458,10 @@ Rgb LightSampler::environment(const Vec3f& d, double t, bool from_camera) const 
   return sum;
 }
 
-float LightSampler::environment_pdf(const Vec3f& d, double t) const {
+float LightSampler::environment_pdf(const Vec3f& d, double t, const Vec3f& from) const {
   float sum = 0;
   for (std::size_t i = 0; i < impl_->environments.size(); ++i) {
-    sum += impl_->choice_probability(impl_->first_environment() + i) * impl_->pdf(impl_->environments[i], d, t);
+    sum += impl_->choice.probability(from, std::uint32_t(impl_->first_environment() + i)) * impl_->pdf(impl_->environments[i], d, t);
   }
   return sum;
 }

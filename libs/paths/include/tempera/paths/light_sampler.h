@@ -41,7 +41,8 @@ class LightSampler {
   float pdf(const SurfacePoint& point, const ShadingPoint& s, const Vec3f& from, float distance) const;
   /// Radiance of all environments along world direction d, for rays that leave the scene.
   Rgb environment(const Vec3f& d, double t, bool from_camera = false) const;
-  float environment_pdf(const Vec3f& d, double t) const;
+  /// Density with which sample() picks direction d from the environments at point `from`.
+  float environment_pdf(const Vec3f& d, double t, const Vec3f& from) const;
   bool has_environment() const;
   /// Where the part of the environment that is seen in direction d at `from` stands at time `to`: the first environment
   /// that turns decides; fixed ones leave d as it is.
