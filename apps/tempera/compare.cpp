@@ -25,18 +25,24 @@ namespace {
 struct Metric {
   const char* name;
   const char* help;
-  double FrameFigures::* value;
+  double FrameFigures::*value;
   double (*map)(const Image& test, const Image& reference, const CompareOptions& options, Image& out);
 };
 constexpr std::array<Metric, 4> kMetrics{{
     {"relmse", "mean of squared differences over squared reference + epsilon", &FrameFigures::relative_mse,
-     [](const Image& a, const Image& b, const CompareOptions& o, Image& out) { return relative_mse(a, b, &out, o.epsilon); }},
+     [](const Image& a, const Image& b, const CompareOptions& o, Image& out) {
+       return relative_mse(a, b, &out, o.epsilon);
+     }},
     {"mse", "mean of squared differences", &FrameFigures::mse,
      [](const Image& a, const Image& b, const CompareOptions&, Image& out) { return mse(a, b, &out); }},
     {"flip", "FLIP: the difference that a person sees on a display, 0 to 1", &FrameFigures::flip,
-     [](const Image& a, const Image& b, const CompareOptions& o, Image& out) { return flip(a, b, &out, o.pixels_per_degree); }},
+     [](const Image& a, const Image& b, const CompareOptions& o, Image& out) {
+       return flip(a, b, &out, o.pixels_per_degree);
+     }},
     {"hdr_flip", "HDR-FLIP: the largest FLIP over all exposures", &FrameFigures::hdr_flip,
-     [](const Image& a, const Image& b, const CompareOptions& o, Image& out) { return hdr_flip(a, b, &out, o.pixels_per_degree); }},
+     [](const Image& a, const Image& b, const CompareOptions& o, Image& out) {
+       return hdr_flip(a, b, &out, o.pixels_per_degree);
+     }},
 }};
 
 const Metric& find_metric(const std::string& name) {
@@ -85,8 +91,8 @@ Limit parse_limit(const std::string& text) {
 }
 
 /// Writes the first metric of each pixel for the frames of the only test.
-void write_error_maps(const Flags& flags, const Metric& metric, const FrameSequence& test, const FrameSequence& reference,
-                      const CompareSide& side) {
+void write_error_maps(const Flags& flags, const Metric& metric, const FrameSequence& test,
+                      const FrameSequence& reference, const CompareSide& side) {
   for (const FrameFigures& f : side.frames) {
     const int other = reference.frames().size() == 1 ? reference.frames()[0] : f.frame;
     const ReadOptions layer{{flags.options.layer}};
@@ -111,7 +117,7 @@ void compare(const Flags& flags, const std::stop_token& stop) {
   for (const std::string& name : split_list(flags.metrics)) metrics.push_back(&find_metric(name));
   std::vector<Limit> limits;
   for (const std::string& t : flags.thresholds) limits.push_back(parse_limit(t));
-  const auto asked = [&](double FrameFigures::* value) {
+  const auto asked = [&](double FrameFigures::*value) {
     return std::any_of(metrics.begin(), metrics.end(), [&](const Metric* m) { return m->value == value; }) ||
            std::any_of(limits.begin(), limits.end(), [&](const Limit& l) { return l.metric->value == value; });
   };
@@ -143,7 +149,8 @@ void compare(const Flags& flags, const std::stop_token& stop) {
         const double v = f.*(l.metric->value);
         // Written so that what is not a number counts as too much.
         if (v <= l.value) continue;
-        passed.push_back(fmt::format("{} of frame {} of {} is {:.6g}, above {:g}", l.metric->name, f.frame, side.name, v, l.value));
+        passed.push_back(
+            fmt::format("{} of frame {} of {} is {:.6g}, above {:g}", l.metric->name, f.frame, side.name, v, l.value));
       }
       if (!limits.empty() && f.non_finite > 0) {
         passed.push_back(fmt::format("{} pixels of frame {} of {} are not finite", f.non_finite, f.frame, side.name));
@@ -164,30 +171,41 @@ std::vector<CatalogItem> metric_items() {
 
 void add_compare(Program& program) {
   auto flags = std::make_shared<Flags>();
-  CLI::App* command = program.add("compare", "Measure how far pictures or sequences are from a reference.",
-                                  {"tempera compare out/noisy.####.exr --reference out/ref.####.exr",
-                                   "tempera compare a.exr b.exr --reference ref.exr --metrics relmse --csv figures.csv",
-                                   "tempera compare a.exr --reference ref.exr --threshold flip=0.05 --error-map diff.png"},
-                                  [&program, flags] {
-                                    with_threads(flags->threads, [&] { compare(*flags, program.stop); });
-                                    return 0;
-                                  });
+  CLI::App* command =
+      program.add("compare", "Measure how far pictures or sequences are from a reference.",
+                  {"tempera compare out/noisy.####.exr --reference out/ref.####.exr",
+                   "tempera compare a.exr b.exr --reference ref.exr --metrics relmse --csv figures.csv",
+                   "tempera compare a.exr --reference ref.exr --threshold flip=0.05 --error-map diff.png"},
+                  [&program, flags] {
+                    with_threads(flags->threads, [&] { compare(*flags, program.stop); });
+                    return 0;
+                  });
   std::vector<std::string> names;
   for (const Metric& m : kMetrics) names.emplace_back(m.name);
-  command->add_option("tests", flags->tests, "pictures, folders or sequences to judge")->required()->type_name("TEST...");
-  command->add_option("-r,--reference", flags->reference, "what they should look like; a single picture serves all frames")
-      ->required()->type_name("REFERENCE");
-  command->add_option("--metrics", flags->metrics, fmt::format("what to measure: {} [relmse,mse,flip]", fmt::join(names, ", ")))
+  command->add_option("tests", flags->tests, "pictures, folders or sequences to judge")
+      ->required()
+      ->type_name("TEST...");
+  command
+      ->add_option("-r,--reference", flags->reference, "what they should look like; a single picture serves all frames")
+      ->required()
+      ->type_name("REFERENCE");
+  command
+      ->add_option("--metrics", flags->metrics,
+                   fmt::format("what to measure: {} [relmse,mse,flip]", fmt::join(names, ", ")))
       ->type_name("A,B,C");
   command->add_option("-f,--frames", flags->frames, "frames to compare [all that both have]")->type_name("SET");
   command->add_option("--layer", flags->options.layer, "layer to compare [color]")->type_name("NAME");
   command->add_option("--exposure", flags->options.exposure, "stops, for flip [0]")->type_name("STOPS");
   command->add_option("--threshold", flags->thresholds, "end with status 6 if any frame is above this")
-      ->allow_extra_args(false)->type_name("METRIC=VALUE");
+      ->allow_extra_args(false)
+      ->type_name("METRIC=VALUE");
   command->add_option("--csv", flags->csv, "also write all figures to this file")->type_name("FILE");
   command->add_option("--json", flags->json, "also write all figures to this file")->type_name("FILE");
-  command->add_option("--error-map", flags->error_map, "write the first metric of each pixel, .png or .exr")->type_name("PATTERN");
-  command->add_option("--threads", flags->threads, "threads; 0: one per core [0]")->type_name("N")->check(CLI::Range(0, 4096));
+  command->add_option("--error-map", flags->error_map, "write the first metric of each pixel, .png or .exr")
+      ->type_name("PATTERN");
+  command->add_option("--threads", flags->threads, "threads; 0: one per core [0]")
+      ->type_name("N")
+      ->check(CLI::Range(0, 4096));
 }
 
 }  // namespace tempera

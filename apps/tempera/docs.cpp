@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The pages of the manual that are made from the program's own tables. tests/cli checks that the committed ones are current.
+// The pages of the manual that are made from the program's own tables. tests/cli checks that the committed ones are
+// current.
 #include <fmt/format.h>
 
 #include <cstdio>
@@ -26,7 +27,8 @@ std::string value_cell(const std::string& text) { return text.empty() ? "" : "`"
 std::string params_table(const std::vector<ParamSpec>& params) {
   std::string out = "| parameter | type | default | meaning |\n| --- | --- | --- | --- |\n";
   for (const ParamSpec& p : params) {
-    out += fmt::format("| `{}` | {} | {} | {} |\n", p.name, cell(type_text(p)), value_cell(to_text(p.fallback)), cell(p.help));
+    out += fmt::format("| `{}` | {} | {} | {} |\n", p.name, cell(type_text(p)), value_cell(to_text(p.fallback)),
+                       cell(p.help));
   }
   return out;
 }
@@ -35,7 +37,8 @@ std::string commands_page(const CLI::App& app) {
   std::string out = fmt::format("{}\n# Commands\n\n```text\n{}```\n", kNotice, app.help("tempera"));
   for (const CLI::App* command : app.get_subcommands(nullptr)) {
     if (command->get_group().empty()) continue;
-    out += fmt::format("\n## tempera {}\n\n```text\n{}```\n", command->get_name(), command->help("tempera " + command->get_name()));
+    out += fmt::format("\n## tempera {}\n\n```text\n{}```\n", command->get_name(),
+                       command->help("tempera " + command->get_name()));
   }
   out += "\n## What there is to choose from\n\nAs `tempera list` shows it.\n";
   for (const CatalogCategory& c : catalog()) {
@@ -53,8 +56,10 @@ std::string commands_page(const CLI::App& app) {
 std::string shot_page() {
   std::string out = fmt::format(
       "{}\n# shot.toml\n\n"
-      "A shot names a scene and says how to render a sequence of it. Every key can be given on the command line, too: by its "
-      "flag, or by `--set key=value`. Each value comes from the command line, else from shot.toml, else from the scene file, "
+      "A shot names a scene and says how to render a sequence of it. Every key can be given on the command line, too: "
+      "by its "
+      "flag, or by `--set key=value`. Each value comes from the command line, else from shot.toml, else from the scene "
+      "file, "
       "else it is the default below. Unknown keys are errors. Input files are relative to the folder of shot.toml.\n\n"
       "```toml\n"
       "scene = \"robot.glb\"\n"
@@ -79,16 +84,19 @@ std::string shot_page() {
       out += "| key | type | default | flag | meaning |\n| --- | --- | --- | --- | --- |\n";
     }
     const std::string fallback = !k.fallback_help.empty() ? k.fallback_help : value_cell(to_text(k.spec.fallback));
-    out += fmt::format("| `{}` | {} | {} | {} | {} |\n", dot == std::string::npos ? k.spec.name : k.spec.name.substr(dot + 1),
-                       cell(k.list ? "list or text" : type_text(k.spec)), cell(fallback), value_cell(k.flag), cell(k.spec.help));
+    out += fmt::format(
+        "| `{}` | {} | {} | {} | {} |\n", dot == std::string::npos ? k.spec.name : k.spec.name.substr(dot + 1),
+        cell(k.list ? "list or text" : type_text(k.spec)), cell(fallback), value_cell(k.flag), cell(k.spec.help));
   }
   out += "\n## Tables with names of your own\n\n| table | keys | meaning |\n| --- | --- | --- |\n";
   for (const OpenTable& t : shot_tables()) {
     out += fmt::format("| `[{}]` | {} | {} |\n", t.depth == 2 ? t.name + ".<" + t.key_name + ">" : t.name,
                        t.depth == 2 ? "`type` and its parameters" : t.key_name, cell(t.help));
   }
-  out += "\n## Materials\n\nA table `[materials.<name>]` replaces the material of that name in the scene. Colors are a number, "
-         "three numbers (linear Rec. 709), `\"#rrggbb\"` (sRGB) or an image file.\n";
+  out +=
+      "\n## Materials\n\nA table `[materials.<name>]` replaces the material of that name in the scene. Colors are a "
+      "number, "
+      "three numbers (linear Rec. 709), `\"#rrggbb\"` (sRGB) or an image file.\n";
   for (const MaterialEntry& m : material_catalog()) {
     out += fmt::format("\n`type = \"{}\"`: {}.\n\n{}", m.name, m.help, params_table(m.params));
   }
@@ -100,11 +108,12 @@ std::string shot_page() {
 
 void add_docs(Program& program) {
   auto folder = std::make_shared<std::string>("docs");
-  CLI::App* command = program.add("docs", "Write the pages of the manual that are made from tables.", {}, [&program, folder] {
-    write_file(*folder + "/commands.md", commands_page(program.app));
-    write_file(*folder + "/shot.md", shot_page());
-    return 0;
-  });
+  CLI::App* command =
+      program.add("docs", "Write the pages of the manual that are made from tables.", {}, [&program, folder] {
+        write_file(*folder + "/commands.md", commands_page(program.app));
+        write_file(*folder + "/shot.md", shot_page());
+        return 0;
+      });
   command->group("");  // for the project itself: not shown in --help
   command->add_option("--out", *folder, "folder to write to [docs]")->type_name("FOLDER");
 }

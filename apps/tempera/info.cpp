@@ -16,32 +16,38 @@ namespace {
 
 std::string mib(std::uint64_t bytes) { return fmt::format("{:.1f} MiB", double(bytes) / (1 << 20)); }
 
-std::string counted(std::size_t n, const char* one, const char* many) { return fmt::format("{} {}", n, n == 1 ? one : many); }
+std::string counted(std::size_t n, const char* one, const char* many) {
+  return fmt::format("{} {}", n, n == 1 ? one : many);
+}
 
 void print_text(const SceneInfo& i, const Scene& scene) {
   const auto line = [](const char* name, const std::string& text) { std::printf("%-14s %s\n", name, text.c_str()); };
   line("scene", scene.source.string());
   for (const CameraInfo& c : i.cameras) {
-    line("camera", fmt::format("\"{}\" {}{}{}", c.name,
-                               c.orthographic ? "orthographic" : fmt::format("perspective, {:.2f} degrees wide", c.fov_degrees),
-                               c.animated ? ", animated" : "", c.is_default ? " (default)" : ""));
+    line("camera",
+         fmt::format("\"{}\" {}{}{}", c.name,
+                     c.orthographic ? "orthographic" : fmt::format("perspective, {:.2f} degrees wide", c.fov_degrees),
+                     c.animated ? ", animated" : "", c.is_default ? " (default)" : ""));
   }
   if (i.cameras.empty()) line("camera", "none");
   for (const std::string& a : i.animations) line("animation", '"' + a + '"');
-  line("time", i.animation.length() > 0 ? fmt::format("{:g} to {:g} s", i.animation.begin, i.animation.end) : "at rest");
+  line("time",
+       i.animation.length() > 0 ? fmt::format("{:g} to {:g} s", i.animation.begin, i.animation.end) : "at rest");
   line("nodes", fmt::format("{}, of which {} move", i.nodes, i.moving_nodes));
-  line("shapes", fmt::format("{}, {}, {}, {}", counted(i.meshes, "mesh", "meshes"), counted(i.spheres, "sphere", "spheres"),
-                             counted(i.disks, "disk", "disks"), counted(i.cylinders, "cylinder", "cylinders")));
-  line("deforming", fmt::format("{} with a skin, {} with morph targets, {} with a vertex cache", i.skinned, i.morphed, i.cached));
+  line("shapes",
+       fmt::format("{}, {}, {}, {}", counted(i.meshes, "mesh", "meshes"), counted(i.spheres, "sphere", "spheres"),
+                   counted(i.disks, "disk", "disks"), counted(i.cylinders, "cylinder", "cylinders")));
+  line("deforming",
+       fmt::format("{} with a skin, {} with morph targets, {} with a vertex cache", i.skinned, i.morphed, i.cached));
   line("instances", fmt::format("{}", i.instances));
   line("triangles", fmt::format("{} stored, {} placed", i.triangles, i.placed_triangles));
   line("materials", fmt::format("{}: {}", i.materials.size(), fmt::join(i.materials, ", ")));
   line("lights", fmt::format("{} area, {} point, {} spot, {} directional, {} projector", i.area_lights, i.point_lights,
                              i.spot_lights, i.directional_lights, i.projectors));
-  line("environment", i.environments == 0          ? "none"
-                      : i.environment_width == 0 ? counted(i.environments, "constant", "constant ones")
-                                                 : fmt::format("{}, image {}x{}", i.environments, i.environment_width,
-                                                               i.environment_height));
+  line("environment", i.environments == 0 ? "none"
+                      : i.environment_width == 0
+                          ? counted(i.environments, "constant", "constant ones")
+                          : fmt::format("{}, image {}x{}", i.environments, i.environment_width, i.environment_height));
   line("memory", mib(i.memory) + " of geometry and environment");
 }
 
@@ -69,8 +75,9 @@ nlohmann::ordered_json to_json(const SceneInfo& i, const Scene& scene) {
   j["triangles"] = i.triangles;
   j["placed_triangles"] = i.placed_triangles;
   j["materials"] = i.materials;
-  j["lights"] = {{"area", i.area_lights}, {"point", i.point_lights}, {"spot", i.spot_lights},
-                 {"directional", i.directional_lights}, {"projector", i.projectors}, {"environment", i.environments}};
+  j["lights"] = {{"area", i.area_lights},     {"point", i.point_lights},
+                 {"spot", i.spot_lights},     {"directional", i.directional_lights},
+                 {"projector", i.projectors}, {"environment", i.environments}};
   j["memory"] = i.memory;
   return j;
 }
@@ -127,12 +134,13 @@ void add_info(Program& program) {
     bool json = false;
   };
   auto flags = std::make_shared<Flags>();
-  CLI::App* command = program.add("info", "Say what a scene or shot consists of, and what of it is not supported.",
-                                  {"tempera info scene.xml", "tempera info robot.glb --json"}, [flags] {
-                                    int status = 0;
-                                    with_threads(flags->shot.threads(), [&] { status = info(flags->shot, flags->json); });
-                                    return status;
-                                  });
+  CLI::App* command =
+      program.add("info", "Say what a scene or shot consists of, and what of it is not supported.",
+                  {"tempera info scene.xml", "tempera info robot.glb --json"}, [flags] {
+                    int status = 0;
+                    with_threads(flags->shot.threads(), [&] { status = info(flags->shot, flags->json); });
+                    return status;
+                  });
   flags->shot.add_to(*command);
   command->add_flag("--json", flags->json, "as JSON");
 }

@@ -14,7 +14,8 @@ namespace tempera {
 
 namespace {
 
-// A handler may only touch lock-free atomics and call write and _exit; a thread at the other end of the pipe does the rest.
+// A handler may only touch lock-free atomics and call write and _exit; a thread at the other end of the pipe does the
+// rest.
 std::atomic<int> g_first_signal{0};
 int g_pipe[2] = {-1, -1};
 

@@ -17,14 +17,16 @@ namespace {
 
 std::vector<CatalogItem> integrators() {
   std::vector<CatalogItem> out;
-  for (const IntegratorEntry* e : integrator_catalog()) out.push_back({e->name, e->help, {e->params.begin(), e->params.end()}});
+  for (const IntegratorEntry* e : integrator_catalog())
+    out.push_back({e->name, e->help, {e->params.begin(), e->params.end()}});
   return out;
 }
 
 std::vector<CatalogItem> layer_items() {
   std::vector<CatalogItem> out;
   const auto add = [&](const LayerDesc& d, const std::string& name) {
-    out.push_back({name, fmt::format("{}: {}; merged by {}", fmt::join(d.channels, ","), d.unit, to_string(d.combine)), {}});
+    out.push_back(
+        {name, fmt::format("{}: {}; merged by {}", fmt::join(d.channels, ","), d.unit, to_string(d.combine)), {}});
   };
   for (const LayerDesc& d : layers::known()) add(d, d.name);
   add(layers::class_layer("name", layers::color()), "class.<name>.color");
@@ -60,7 +62,8 @@ std::vector<CatalogItem> importer_items() {
 std::vector<CatalogItem> bsdfs() {
   std::vector<CatalogItem> out;
   for (const MaterialEntry& e : material_catalog()) out.push_back({e.name, e.help, e.params});
-  out.push_back({"(all)", "parameters that every type has", {common_material_params().begin(), common_material_params().end()}});
+  out.push_back(
+      {"(all)", "parameters that every type has", {common_material_params().begin(), common_material_params().end()}});
   return out;
 }
 
@@ -99,41 +102,44 @@ void add_list(Program& program) {
   auto flags = std::make_shared<Flags>();
   std::vector<std::string> names;
   for (const CatalogCategory& c : catalog()) names.push_back(c.name);
-  CLI::App* command = program.add("list", "Show what there is to choose from, with parameters.",
-                                  {"tempera list integrators", "tempera list layers", "tempera list bsdfs --json"},
-                                  [flags, names] {
-    nlohmann::ordered_json json = nlohmann::ordered_json::object();
-    bool found = flags->category.empty();
-    for (const CatalogCategory& c : catalog()) {
-      if (!flags->category.empty() && flags->category != c.name) continue;
-      found = true;
-      const std::vector<CatalogItem> items = c.items();
-      nlohmann::ordered_json list = nlohmann::ordered_json::array();
-      if (!flags->json && flags->category.empty()) std::printf("%s: %s\n", c.name.c_str(), c.help.c_str());
-      if (!flags->json && items.empty()) std::printf("  (none in this version)\n");
-      for (const CatalogItem& i : items) {
-        nlohmann::ordered_json params = nlohmann::ordered_json::array();
-        if (!flags->json) std::printf("  %-20s %s\n", i.name.c_str(), i.help.c_str());
-        for (const ParamSpec& p : i.params) {
-          params.push_back({{"name", p.name}, {"type", type_text(p)}, {"default", to_text(p.fallback)}, {"help", p.help}});
-          if (flags->json || flags->category.empty()) continue;
-          std::printf("    %-22s %s [%s] (%s)\n", p.name.c_str(), p.help.c_str(), to_text(p.fallback).c_str(),
-                      type_text(p).c_str());
+  CLI::App* command = program.add(
+      "list", "Show what there is to choose from, with parameters.",
+      {"tempera list integrators", "tempera list layers", "tempera list bsdfs --json"}, [flags, names] {
+        nlohmann::ordered_json json = nlohmann::ordered_json::object();
+        bool found = flags->category.empty();
+        for (const CatalogCategory& c : catalog()) {
+          if (!flags->category.empty() && flags->category != c.name) continue;
+          found = true;
+          const std::vector<CatalogItem> items = c.items();
+          nlohmann::ordered_json list = nlohmann::ordered_json::array();
+          if (!flags->json && flags->category.empty()) std::printf("%s: %s\n", c.name.c_str(), c.help.c_str());
+          if (!flags->json && items.empty()) std::printf("  (none in this version)\n");
+          for (const CatalogItem& i : items) {
+            nlohmann::ordered_json params = nlohmann::ordered_json::array();
+            if (!flags->json) std::printf("  %-20s %s\n", i.name.c_str(), i.help.c_str());
+            for (const ParamSpec& p : i.params) {
+              params.push_back(
+                  {{"name", p.name}, {"type", type_text(p)}, {"default", to_text(p.fallback)}, {"help", p.help}});
+              if (flags->json || flags->category.empty()) continue;
+              std::printf("    %-22s %s [%s] (%s)\n", p.name.c_str(), p.help.c_str(), to_text(p.fallback).c_str(),
+                          type_text(p).c_str());
+            }
+            nlohmann::ordered_json item{{"name", i.name}, {"help", i.help}};
+            if (!params.empty()) item["parameters"] = params;
+            list.push_back(std::move(item));
+          }
+          json[c.name] = list;
         }
-        nlohmann::ordered_json item{{"name", i.name}, {"help", i.help}};
-        if (!params.empty()) item["parameters"] = params;
-        list.push_back(std::move(item));
-      }
-      json[c.name] = list;
-    }
-    if (!found) {
-      throw Error(ErrorCode::kUnknownName, ShotConfig::kCommandLine(),
-                  fmt::format("nothing is called \"{}\"; known: {}", flags->category, nearest_names(flags->category, names)));
-    }
-    if (flags->json) std::printf("%s\n", json.dump(2).c_str());
-    return 0;
-  });
-  command->add_option("category", flags->category, fmt::format("{}; all of them if none is named", fmt::join(names, ", ")))
+        if (!found) {
+          throw Error(ErrorCode::kUnknownName, ShotConfig::kCommandLine(),
+                      fmt::format("nothing is called \"{}\"; known: {}", flags->category,
+                                  nearest_names(flags->category, names)));
+        }
+        if (flags->json) std::printf("%s\n", json.dump(2).c_str());
+        return 0;
+      });
+  command
+      ->add_option("category", flags->category, fmt::format("{}; all of them if none is named", fmt::join(names, ", ")))
       ->type_name("CATEGORY");
   command->add_flag("--json", flags->json, "as JSON");
 }

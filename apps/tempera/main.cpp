@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// The program `tempera`: reads the command line, calls one library function per command, prints, and turns errors into the
-// exit status of their kind.
+// The program `tempera`: reads the command line, calls one library function per command, prints, and turns errors into
+// the exit status of their kind.
+#include <OpenImageIO/imageio.h>
 #include <embree3/rtcore.h>
 #include <fmt/format.h>
-#include <OpenImageIO/imageio.h>
 #include <unistd.h>
 
 #include <csignal>
@@ -34,8 +34,11 @@ CLI::App* Program::add(const std::string& name, const std::string& help, const s
 std::string Program::command_line() const {
   std::string out;
   for (const std::string& a : arguments) {
-    const bool plain = !a.empty() && a.find_first_not_of("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
-                                                         "_-./,=:+#@%") == std::string::npos && a[0] != '#';
+    const bool plain = !a.empty() &&
+                       a.find_first_not_of(
+                           "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789"
+                           "_-./,=:+#@%") == std::string::npos &&
+                       a[0] != '#';
     std::string quoted = a;
     if (!plain) {
       quoted = "'";
@@ -95,12 +98,15 @@ int main_guarded(int argc, char** argv) {
   app.fallthrough();
   app.get_formatter()->column_width(34);
   app.option_defaults()->group("General");
-  app.add_flag_callback("-q,--quiet", [&] { program.verbosity = -1; }, "only warnings and failures are printed");
-  app.add_flag_callback("-v,--verbose", [&] { program.verbosity = 1; }, "more is printed");
+  app.add_flag_callback(
+      "-q,--quiet", [&] { program.verbosity = -1; }, "only warnings and failures are printed");
+  app.add_flag_callback(
+      "-v,--verbose", [&] { program.verbosity = 1; }, "more is printed");
   app.option_defaults()->group("Options");
-  app.footer("tempera COMMAND --help explains a command.\n"
-             "Exit status: 0 done, 1 failed while running, 2 wrong usage, 3 bad scene or input, 4 missing file,\n"
-             "5 out of memory, 6 comparison differs, 130 or 143 interrupted (work in progress is saved first).");
+  app.footer(
+      "tempera COMMAND --help explains a command.\n"
+      "Exit status: 0 done, 1 failed while running, 2 wrong usage, 3 bad scene or input, 4 missing file,\n"
+      "5 out of memory, 6 comparison differs, 130 or 143 interrupted (work in progress is saved first).");
   add_render(program);
   add_run(program);
   add_info(program);
@@ -115,7 +121,9 @@ int main_guarded(int argc, char** argv) {
     std::fprintf(stderr, "tempera: %s\n", e.what());
     return exit_status(ErrorCode::kUsage);
   }
-  set_log_level(program.verbosity < 0 ? LogLevel::kWarning : program.verbosity > 0 ? LogLevel::kDebug : LogLevel::kInfo);
+  set_log_level(program.verbosity < 0   ? LogLevel::kWarning
+                : program.verbosity > 0 ? LogLevel::kDebug
+                                        : LogLevel::kInfo);
   try {
     return program.run();
   } catch (const Error& e) {
@@ -133,7 +141,8 @@ int main_guarded(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   std::set_terminate(tempera::on_terminate);
-  // Both end as failed writes, which are reported like any other: a viewer or a pipe that closed, a file that is too large.
+  // Both end as failed writes, which are reported like any other: a viewer or a pipe that closed, a file that is too
+  // large.
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);
   return tempera::main_guarded(argc, argv);

@@ -57,17 +57,23 @@ std::string describe_frames(const std::vector<int>& frames) {
 void RenderFlags::add_to(CLI::App& command) {
   shot.add_to(command);
   command.add_flag("--resume", resume, "skip frames that are finished, continue those that were interrupted");
-  command.add_option("--checkpoint-minutes", checkpoint_minutes, "minutes between checkpoints of a frame; 0: only when stopped [10]")
-      ->type_name("N")->check(CLI::NonNegativeNumber);
+  command
+      .add_option("--checkpoint-minutes", checkpoint_minutes,
+                  "minutes between checkpoints of a frame; 0: only when stopped [10]")
+      ->type_name("N")
+      ->check(CLI::NonNegativeNumber);
   command.add_option("--tev", tev, "show tiles in the image viewer tev as they finish")
-      ->type_name("HOST[:PORT]")->expected(1);
+      ->type_name("HOST[:PORT]")
+      ->expected(1);
   command.add_option("--progress", progress, "auto, tty, plain, json, openjd or none [auto]")->type_name("KIND");
-  command.add_option("--replay", replay, "render this one sample and print its radiance")->type_name("FRAME,X,Y,SAMPLE");
+  command.add_option("--replay", replay, "render this one sample and print its radiance")
+      ->type_name("FRAME,X,Y,SAMPLE");
 }
 
 Shot render_shot(Program& program, const RenderFlags& flags) {
   const ShotConfig config = flags.shot.config();
-  const ProgressKind kind = program.verbosity < 0 && flags.progress == "auto" ? ProgressKind::kNone : parse_progress(flags.progress);
+  const ProgressKind kind =
+      program.verbosity < 0 && flags.progress == "auto" ? ProgressKind::kNone : parse_progress(flags.progress);
   std::unique_ptr<RenderObserver> tev;
   const std::uint64_t memory_limit = flags.shot.memory_limit();
   if (memory_limit > 0) limit_memory(memory_limit);
@@ -102,23 +108,24 @@ Shot render_shot(Program& program, const RenderFlags& flags) {
     options.checkpoint_seconds = 60 * flags.checkpoint_minutes;
     options.command = program.command_line();
     const RenderReport report = render_sequence(shot, loaded.scene, options, observers, program.stop);
-    log_info(fmt::format("{} frames rendered, {} found finished, in {:.1f} s", report.frames.size(), report.skipped.size(),
-                         report.seconds));
+    log_info(fmt::format("{} frames rendered, {} found finished, in {:.1f} s", report.frames.size(),
+                         report.skipped.size(), report.seconds));
   });
   return shot;
 }
 
 void add_render(Program& program) {
   auto flags = std::make_shared<RenderFlags>();
-  CLI::App* command = program.add("render", "Render frames to multi-layer EXR files.",
-                                  {"tempera render scene.xml -o out/frame.####.exr --spp 256",
-                                   "tempera render shot.toml --frames 1-24 --resume --layers motion,albedo,normal",
-                                   "tempera render robot.glb -o out/r.exr --camera Main --shutter -0.25,0.25 --resolution 1920x1080",
-                                   "tempera render shot.toml --decompose \"direct=ED;indirect=ED.+\" --tev 127.0.0.1:14158"},
-                                  [&program, flags] {
-                                    render_shot(program, *flags);
-                                    return 0;
-                                  });
+  CLI::App* command =
+      program.add("render", "Render frames to multi-layer EXR files.",
+                  {"tempera render scene.xml -o out/frame.####.exr --spp 256",
+                   "tempera render shot.toml --frames 1-24 --resume --layers motion,albedo,normal",
+                   "tempera render robot.glb -o out/r.exr --camera Main --shutter -0.25,0.25 --resolution 1920x1080",
+                   "tempera render shot.toml --decompose \"direct=ED;indirect=ED.+\" --tev 127.0.0.1:14158"},
+                  [&program, flags] {
+                    render_shot(program, *flags);
+                    return 0;
+                  });
   flags->add_to(*command);
 }
 

@@ -9,8 +9,8 @@ namespace tempera {
 namespace {
 
 /// One value per occurrence: a list option would swallow the SHOT that follows it.
-CLI::Option* add_repeatable(CLI::App& command, const std::string& flag, std::vector<std::string>& out, const std::string& help,
-                            const std::string& value_name) {
+CLI::Option* add_repeatable(CLI::App& command, const std::string& flag, std::vector<std::string>& out,
+                            const std::string& help, const std::string& value_name) {
   return command.add_option(flag, out, help)->allow_extra_args(false)->type_name(value_name);
 }
 
@@ -21,11 +21,13 @@ std::pair<std::string, std::string> split(const std::string& text, char separato
 }
 
 /// "name=value" into table `table`. Errors: Error{kUsage}.
-void assign(ShotConfig& config, const std::string& table, const std::string& text, const char* flag, const char* example) {
+void assign(ShotConfig& config, const std::string& table, const std::string& text, const char* flag,
+            const char* example) {
   const auto [name, value] = split(text, '=');
   if (name.empty() || text.find('=') == std::string::npos) {
-    throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
-                fmt::format("{} \"{}\" is not of the form NAME=VALUE; write for example {} {}", flag, text, flag, example));
+    throw Error(
+        ErrorCode::kUsage, ShotConfig::kCommandLine(),
+        fmt::format("{} \"{}\" is not of the form NAME=VALUE; write for example {} {}", flag, text, flag, example));
   }
   config.set_text(table + ".\"" + name + '"', value);
 }
@@ -51,20 +53,29 @@ void ShotFlags::add_to(CLI::App& command) {
     }
     f.option->group("Shot");
   }
-  max_depth_given_ = command.add_option("--max-depth", max_depth_, "path edges at most, -1: no limit (integrator.max_depth)")
-                         ->type_name("N")->group("Shot");
+  max_depth_given_ =
+      command.add_option("--max-depth", max_depth_, "path edges at most, -1: no limit (integrator.max_depth)")
+          ->type_name("N")
+          ->group("Shot");
   command.add_option("--shutter", shutter_, "open,close[,shape] in frames, e.g. 0,0.5 or -0.25,0.25,trapezoid")
-      ->type_name("A,B[,SHAPE]")->group("Shot");
-  add_repeatable(command, "--param", params_, "parameter of the integrator; `tempera list integrators` names them", "NAME=VALUE")
+      ->type_name("A,B[,SHAPE]")
       ->group("Shot");
-  add_repeatable(command, "--class", classes_, "light-path class to write as layer class.NAME.color, e.g. caustics=ED.*D", "NAME=EXPR")
+  add_repeatable(command, "--param", params_, "parameter of the integrator; `tempera list integrators` names them",
+                 "NAME=VALUE")
+      ->group("Shot");
+  add_repeatable(command, "--class", classes_,
+                 "light-path class to write as layer class.NAME.color, e.g. caustics=ED.*D", "NAME=EXPR")
       ->group("Shot");
   command.add_option("--decompose", decompose_, "classes that are checked to be disjoint, e.g. \"dd=ED;di=ED.+\"")
-      ->type_name("NAME=EXPR;...")->group("Shot");
-  add_repeatable(command, "-D,--define", defines_, "value of the scene file's own parameter $NAME", "NAME=VALUE")->group("Shot");
-  add_repeatable(command, "--set", set_, "any key of shot.toml, e.g. --set environment.rotation=90", "KEY=VALUE")->group("Shot");
+      ->type_name("NAME=EXPR;...")
+      ->group("Shot");
+  add_repeatable(command, "-D,--define", defines_, "value of the scene file's own parameter $NAME", "NAME=VALUE")
+      ->group("Shot");
+  add_repeatable(command, "--set", set_, "any key of shot.toml, e.g. --set environment.rotation=90", "KEY=VALUE")
+      ->group("Shot");
   command.add_option("--threads", threads_, "threads; 0: one per core; results do not depend on it [0]")
-      ->type_name("N")->check(CLI::Range(0, 4096));
+      ->type_name("N")
+      ->check(CLI::Range(0, 4096));
   command.add_option("--memory-limit", memory_limit_, "refuse to take more memory, e.g. 8G")->type_name("SIZE");
   command.add_flag("--strict", strict_, "what a scene file asks for and we lack is an error instead of a warning");
   command.add_flag("--sandbox", sandbox_, "refuse to read files outside of the scene's folder");
@@ -80,7 +91,8 @@ ShotConfig ShotFlags::config() const {
       config.set_text("film.filter", name);
       if (f.text.find(':') != std::string::npos) config.set_text("film.filter_radius", radius);
     } else {
-      config.set_text(f.key->spec.name, std::holds_alternative<bool>(f.key->spec.fallback) ? (f.on ? "true" : "false") : f.text);
+      config.set_text(f.key->spec.name,
+                      std::holds_alternative<bool>(f.key->spec.fallback) ? (f.on ? "true" : "false") : f.text);
     }
   }
   if (max_depth_given_->count() > 0) config.set_text("integrator.max_depth", std::to_string(max_depth_));

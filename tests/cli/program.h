@@ -43,7 +43,8 @@ class Process {
   /// `prepare` runs in the child before the program: for limits.
   explicit Process(std::vector<std::string> arguments, const std::function<void()>& prepare = {}) {
     static int counter = 0;
-    const std::string stem = (fs::temp_directory_path() / ("tempera_cli_" + std::to_string(getpid()) + "_" + std::to_string(counter++)));
+    const std::string stem =
+        (fs::temp_directory_path() / ("tempera_cli_" + std::to_string(getpid()) + "_" + std::to_string(counter++)));
     out_ = stem + ".out", err_ = stem + ".err";
     arguments.insert(arguments.begin(), TEMPERA_PROGRAM);
     std::vector<char*> argv;
@@ -121,8 +122,11 @@ class CliTest : public testing::Test {
 
 /// A small, quick render of a scene in motion: 80x60 pixels, six tiles a frame.
 inline std::vector<std::string> quick_render(const std::string& output, std::vector<std::string> more = {}) {
-  std::vector<std::string> arguments{"render", source_file("scenes/tests/cornell_motion.xml"), "-o", output,
-                                     "--resolution", "80x60", "--layers", "motion,albedo,halves,samples", "--shutter", "0,0.5"};
+  std::vector<std::string> arguments{"render",       source_file("scenes/tests/cornell_motion.xml"),
+                                     "-o",           output,
+                                     "--resolution", "80x60",
+                                     "--layers",     "motion,albedo,halves,samples",
+                                     "--shutter",    "0,0.5"};
   arguments.insert(arguments.end(), more.begin(), more.end());
   return arguments;
 }
@@ -130,9 +134,11 @@ inline std::vector<std::string> quick_render(const std::string& output, std::vec
 /// Whether two frame files hold the same layers with the same bits.
 inline testing::AssertionResult SamePixels(const std::string& a, const std::string& b) {
   const Frame x = read_frame(a), y = read_frame(b);
-  if (x.layer_names() != y.layer_names()) return testing::AssertionFailure() << a << " and " << b << " have other layers";
+  if (x.layer_names() != y.layer_names())
+    return testing::AssertionFailure() << a << " and " << b << " have other layers";
   for (const Layer& l : x.layers()) {
-    if (!(l.image == y.layer(l.desc.name))) return testing::AssertionFailure() << l.desc.name << " of " << a << " and " << b << " differ";
+    if (!(l.image == y.layer(l.desc.name)))
+      return testing::AssertionFailure() << l.desc.name << " of " << a << " and " << b << " differ";
   }
   return testing::AssertionSuccess();
 }

@@ -12,11 +12,14 @@ namespace {
 
 class CliRender : public CliTest {
  protected:
-  Outcome render(const std::string& folder, std::vector<std::string> more, const std::function<void()>& prepare = {}) const {
+  Outcome render(const std::string& folder, std::vector<std::string> more,
+                 const std::function<void()>& prepare = {}) const {
     Outcome o = run(quick_render(path(folder + "/f.####.exr"), std::move(more)), prepare);
     return o;
   }
-  std::string frame(const std::string& folder, int number) const { return path(fmt::format("{}/f.{:04}.exr", folder, number)); }
+  std::string frame(const std::string& folder, int number) const {
+    return path(fmt::format("{}/f.{:04}.exr", folder, number));
+  }
   void expect_same(const std::string& a, const std::string& b, int first, int last) const {
     for (int f = first; f <= last; ++f) EXPECT_TRUE(SamePixels(frame(a, f), frame(b, f)));
   }
@@ -55,7 +58,8 @@ TEST_F(CliRender, SameBitsForAnyThreadsAndSplit) {
 
 TEST_F(CliRender, ResumeSkipsAndTellsWhyNot) {
   ASSERT_EQ(render("a", {"--frames", "1-3", "--spp", "2"}).status, 0);
-  EXPECT_NE(render("a", {"--frames", "1-3", "--spp", "2", "--resume", "--threads", "1"}).err.find("0 frames rendered, 3 found finished"),
+  EXPECT_NE(render("a", {"--frames", "1-3", "--spp", "2", "--resume", "--threads", "1"})
+                .err.find("0 frames rendered, 3 found finished"),
             std::string::npos);
   fs::resize_file(frame("a", 2), fs::file_size(frame("a", 2)) * 2 / 3);
   const Outcome repaired = render("a", {"--frames", "1-3", "--spp", "2", "--resume"});
@@ -115,7 +119,7 @@ TEST_F(CliRender, SignalsSaveTheFrameInProgress) {
 
 TEST_F(CliRender, SecondInterruptEndsAtOnce) {
   // A single tile that takes minutes, so that nothing but the second signal can end it.
-  Process p(quick_render(path("a/f.####.exr"), {"--frames", "1", "--spp", "1000000", "--crop", "40,30,8,8"}));
+  Process p(quick_render(path("a/f.####.exr"), {"--frames", "1", "--spp", "5000000", "--crop", "40,30,8,8"}));
   ASSERT_TRUE(p.wait_until([&] { return fs::exists(path("a")); }));
   p.signal(SIGINT);
   ASSERT_TRUE(p.wait_until([&] { return p.err_so_far().find("stopping") != std::string::npos; }));
@@ -158,8 +162,9 @@ TEST_F(CliRender, FullDiskKeepsWhatIsFinished) {
 
 TEST_F(CliRender, MemoryLimitIsStatusFiveAndOneLine) {
   // Refused by the estimate: pictures of 4 GiB.
-  const Outcome estimate = run({"render", source_file("scenes/tests/cornell.xml"), "-o", path("a/f.####.exr"), "--frames", "1", "--spp", "1", "--resolution",
-                                "16384x16384", "--memory-limit", "600M"});
+  const Outcome estimate =
+      run({"render", source_file("scenes/tests/cornell.xml"), "-o", path("a/f.####.exr"), "--frames", "1", "--spp", "1",
+           "--resolution", "16384x16384", "--memory-limit", "600M"});
   EXPECT_EQ(estimate.status, 5) << estimate.err;
   EXPECT_NE(estimate.err.find("--memory-limit"), std::string::npos) << estimate.err;
   // Found out while running: less than the program takes by itself.
@@ -209,20 +214,29 @@ TEST_F(CliRender, ReplayGivesTheSample) {
 }
 
 TEST_F(CliRender, FlagsAndKeysSayTheSame) {
-  const std::string shot = write("shot.toml", fmt::format("scene = \"{}\"\nframes = \"2\"\n"
-                                                          "[shutter]\nopen = -0.25\nclose = 0.25\n"
-                                                          "[film]\nresolution = [80, 60]\nfilter = \"tent\"\nfilter_radius = 1.5\n"
-                                                          "[sampling]\nspp = 2\nseed = 3\n"
-                                                          "[integrator]\nmax_depth = 4\n[decompose]\ndirect = \"ED\"\nrest = \"ED.+\"\n",
-                                                          source_file("scenes/tests/cornell_motion.xml")));
+  const std::string shot =
+      write("shot.toml", fmt::format("scene = \"{}\"\nframes = \"2\"\n"
+                                     "[shutter]\nopen = -0.25\nclose = 0.25\n"
+                                     "[film]\nresolution = [80, 60]\nfilter = \"tent\"\nfilter_radius = 1.5\n"
+                                     "[sampling]\nspp = 2\nseed = 3\n"
+                                     "[integrator]\nmax_depth = 4\n[decompose]\ndirect = \"ED\"\nrest = \"ED.+\"\n",
+                                     source_file("scenes/tests/cornell_motion.xml")));
   ASSERT_EQ(run({"render", shot, "-o", path("a/f.####.exr")}).status, 0);
-  const Outcome o = run({"render", source_file("scenes/tests/cornell_motion.xml"), "-o", path("b/f.####.exr"), "--frames", "2", "--shutter",
-                         "-0.25,0.25", "--resolution", "80x60", "--filter", "tent:1.5", "--spp", "2", "--seed", "3", "--max-depth", "4",
-                         "--decompose", "direct=ED;rest=ED.+"});
+  const Outcome o = run({"render",       source_file("scenes/tests/cornell_motion.xml"),
+                         "-o",           path("b/f.####.exr"),
+                         "--frames",     "2",
+                         "--shutter",    "-0.25,0.25",
+                         "--resolution", "80x60",
+                         "--filter",     "tent:1.5",
+                         "--spp",        "2",
+                         "--seed",       "3",
+                         "--max-depth",  "4",
+                         "--decompose",  "direct=ED;rest=ED.+"});
   ASSERT_EQ(o.status, 0) << o.err;
   expect_same("a", "b", 2, 2);
   const Outcome resumed = run({"render", shot, "-o", path("b/f.####.exr"), "--resume"});
-  EXPECT_NE(resumed.err.find("0 frames rendered, 1 found finished"), std::string::npos) << "the fingerprints agree: " << resumed.err;
+  EXPECT_NE(resumed.err.find("0 frames rendered, 1 found finished"), std::string::npos)
+      << "the fingerprints agree: " << resumed.err;
 }
 
 TEST_F(CliRender, CompareMeasuresAndLimits) {
@@ -234,7 +248,8 @@ TEST_F(CliRender, CompareMeasuresAndLimits) {
     return run(arguments);
   };
   EXPECT_EQ(compare("b", {"--threshold", "relmse=0", "--threshold", "flip=0"}).status, 0) << "equal sequences";
-  const Outcome o = compare("a", {"--threshold", "relmse=1e-6", "--csv", path("c.csv"), "--json", path("c.json"), "--error-map", path("e.png")});
+  const Outcome o = compare("a", {"--threshold", "relmse=1e-6", "--csv", path("c.csv"), "--json", path("c.json"),
+                                  "--error-map", path("e.png")});
   EXPECT_EQ(o.status, 6);
   EXPECT_NE(o.err.find("relmse of frame 1"), std::string::npos) << o.err;
   EXPECT_EQ(compare("a", {"--threshold", "relmse=1e6"}).status, 0);
@@ -246,8 +261,9 @@ TEST_F(CliRender, CompareMeasuresAndLimits) {
 }
 
 TEST_F(CliRender, RunMakesTheMovie) {
-  const std::string shot = write("shot.toml", fmt::format("scene = \"{}\"\nframes = \"1-3\"\n[output]\npath = \"{}\"\n[video]\npath = \"{}\"\n",
-                                                          source_file("scenes/tests/cornell_motion.xml"), path("f.####.exr"), path("m.mp4")));
+  const std::string shot = write(
+      "shot.toml", fmt::format("scene = \"{}\"\nframes = \"1-3\"\n[output]\npath = \"{}\"\n[video]\npath = \"{}\"\n",
+                               source_file("scenes/tests/cornell_motion.xml"), path("f.####.exr"), path("m.mp4")));
   const Outcome o = run({"run", shot, "--resolution", "64x48", "--spp", "1"});
   if (std::system("ffmpeg -version >/dev/null 2>&1") != 0) {
     EXPECT_EQ(o.status, 4) << o.err;
@@ -255,8 +271,13 @@ TEST_F(CliRender, RunMakesTheMovie) {
   }
   ASSERT_EQ(o.status, 0) << o.err;
   EXPECT_GT(fs::file_size(path("m.mp4")), 500u);
-  EXPECT_NE(run({"run", shot, "--resolution", "64x48", "--spp", "1", "--resume"}).err.find("3 found finished"), std::string::npos);
-  EXPECT_EQ(run({"video", path("f.####.exr"), path("n.mp4"), "--fps", "12", "--layer", "color"}).status, 0);
+  EXPECT_NE(run({"run", shot, "--resolution", "64x48", "--spp", "1", "--resume"}).err.find("3 found finished"),
+            std::string::npos);
+  EXPECT_EQ(run({"video", path("f.####.exr"), path("n.mp4"), "--fps", "12", "--layer", "color", "--contact-sheet",
+                 path("s.png")})
+                .status,
+            0);
+  EXPECT_GT(fs::file_size(path("s.png")), 500u);
 }
 
 }  // namespace

@@ -73,7 +73,8 @@ TEST(Cli, WrongUsageIsStatusTwoAndOneLine) {
 
 TEST(Cli, UnknownNamesComeWithTheNearestKnown) {
   EXPECT_NE(run({"render", kScene, "-o", "x.exr", "--integrator", "pathh"}).err.find("known: path"), std::string::npos);
-  EXPECT_NE(run({"render", kScene, "-o", "x.exr", "--set", "film.resolutoin=1x1"}).err.find("known: film.resolution"), std::string::npos);
+  EXPECT_NE(run({"render", kScene, "-o", "x.exr", "--set", "film.resolutoin=1x1"}).err.find("known: film.resolution"),
+            std::string::npos);
   EXPECT_NE(run({"render", kScene, "-o", "x.exr", "--layers", "albdo"}).err.find("albedo"), std::string::npos);
 }
 
@@ -86,8 +87,10 @@ TEST_F(CliFiles, MalformedInputIsStatusThreeWithItsPlace) {
     const char* place;
   };
   for (const Case& c : {Case{"a.xml", "<scene version=\"3.0.0\">\n  <shape type=\"sphere\">\n</scene>\n", "a.xml:"},
-                        Case{"b.xml", "<scene version=\"3.0.0\">\n  <bsdf type=\"diffuse\">\n    <rgb name=\"reflectance\" "
-                                      "value=\"1, x\"/>\n  </bsdf>\n</scene>\n", "b.xml:3:"},
+                        Case{"b.xml",
+                             "<scene version=\"3.0.0\">\n  <bsdf type=\"diffuse\">\n    <rgb name=\"reflectance\" "
+                             "value=\"1, x\"/>\n  </bsdf>\n</scene>\n",
+                             "b.xml:3:"},
                         Case{"c.gltf", "{\n  \"asset\": {\"version\": \"2.0\"},\n  \"nodes\": 5\n}\n", "c.gltf:3:"},
                         Case{"d.toml", "scene = \"x.xml\"\n[film\n", "d.toml:2:"},
                         Case{"e.toml", "scene = \"x.xml\"\n\n[film]\nfilter = \"sharp\"\n", "e.toml:4:10: "},
@@ -119,9 +122,10 @@ TEST_F(CliFiles, MissingFilesAreStatusFour) {
 }
 
 TEST_F(CliFiles, UnsupportedIsAWarningUnlessStrict) {
-  const std::string scene = write("a.xml",
-                                  "<scene version=\"3.0.0\">\n<sensor type=\"perspective\"/>\n"
-                                  "<shape type=\"sphere\"><float name=\"frobnication\" value=\"1\"/></shape>\n</scene>\n");
+  const std::string scene =
+      write("a.xml",
+            "<scene version=\"3.0.0\">\n<sensor type=\"perspective\"/>\n"
+            "<shape type=\"sphere\"><float name=\"frobnication\" value=\"1\"/></shape>\n</scene>\n");
   const Outcome lax = run({"info", scene, "--json"});
   ASSERT_EQ(lax.status, 0) << lax.err;
   const auto unsupported = nlohmann::json::parse(lax.out).at("unsupported");

@@ -112,7 +112,8 @@ TEST(MotionVectors, ZoomingCamera) {
 TEST(MotionVectors, OpenShutterKeepsTheVectorsOfItsMiddle) {
   std::vector<std::string> keys = kVectors;
   keys[2] = "shutter.open=-0.5", keys[3] = "shutter.close=0.5";
-  const Rendered still = render("tests/card_rotate.gltf", 12, kVectors), blurred = render("tests/card_rotate.gltf", 12, keys);
+  const Rendered still = render("tests/card_rotate.gltf", 12, kVectors),
+                 blurred = render("tests/card_rotate.gltf", 12, keys);
   // The same surface is met by other arithmetic once it moves during the exposure: equal to rounding, not to the bit.
   int compared = 0;
   for (const char* layer : {"motion.forward", "motion.backward"}) {

@@ -4,8 +4,9 @@
 // through this has been checked against the bytes that are there; nothing is allocated for more elements than a file
 // can hold.
 //
-// Why not tiny_gltf, which Debian has: its errors carry no place, it uses indices of nodes, textures and buffer views without
-// checking them, and it hands out extensions as untyped copies. Reading the JSON takes less code than checking behind it.
+// Why not tiny_gltf, which Debian has: its errors carry no place, it uses indices of nodes, textures and buffer views
+// without checking them, and it hands out extensions as untyped copies. Reading the JSON takes less code than checking
+// behind it.
 #include <cstdint>
 #include <filesystem>
 #include <optional>

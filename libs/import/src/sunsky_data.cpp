@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0 AND BSD-3-Clause
 // Coefficients of the Hosek-Wilkie sky and sun models. kSkyShape and kSkyMean are the authors' RGB data, version 1.4a.
-// kSun is computed from their spectral data of the sun: radiance at 320, 360, ... 720 nm, linear between, averaged over the
-// disc of 0.5358 degrees with its limb darkening, integrated in steps of 1 nm over the CIE 1931 observer to linear Rec. 709
-// RGB, times the disc's solid angle and 1 / 106.7502594. The data come with this notice:
+// kSun is computed from their spectral data of the sun: radiance at 320, 360, ... 720 nm, linear between, averaged over
+// the disc of 0.5358 degrees with its limb darkening, integrated in steps of 1 nm over the CIE 1931 observer to linear
+// Rec. 709 RGB, times the disc's solid angle and 1 / 106.7502594. The data come with this notice:
 //
 // Copyright (c) 2012 - 2013, Lukas Hosek and Alexander Wilkie
 // All rights reserved.

@@ -260,8 +260,8 @@ TEST(Path, MovingCardBlursAnalytically) {
   EXPECT_NEAR(total, 8, 0.02);
 }
 
-// Many kinds of light at once: the probabilities of choosing them must be those that the weights use. One light at a time
-// is the reference; a hidden light gives nothing.
+// Many kinds of light at once: the probabilities of choosing them must be those that the weights use. One light at a
+// time is the reference; a hidden light gives nothing.
 TEST(Path, LightsAddUpHoweverTheyAreChosen) {
   const auto shot = [](int which) {  // -1: all
     TestShot s;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Which light to sample from a point: by the irradiance that each would give there unshadowed, as far as that can be told
-// from its position and extent alone.
+// Which light to sample from a point: by the irradiance that each would give there unshadowed, as far as that can be
+// told from its position and extent alone.
 #include <array>
 #include <span>
 #include <vector>
@@ -11,7 +11,8 @@
 
 namespace tempera {
 
-/// What a light gives at a distance: `constant` everywhere, plus `near` / distance^2 to `center`, at least `radius` away.
+/// What a light gives at a distance: `constant` everywhere, plus `near` / distance^2 to `center`, at least `radius`
+/// away.
 struct LightReach {
   float constant = 0;  ///< irradiance, W/m^2
   float near = 0;      ///< W

@@ -39,7 +39,7 @@ struct LightSampler::Impl {
   std::vector<AreaLight> areas;
   std::vector<EnvironmentMap> environments;
   std::unordered_map<std::uint64_t, std::uint32_t> area_index;  // (instance, shape) -> areas
-  LightChoice choice;  // areas, then punctual lights, then environments
+  LightChoice choice;                                           // areas, then punctual lights, then environments
   double reference_time = 0;
 
   Affine3f environment_frame(const EnvironmentMap& e, double t) const {
@@ -461,7 +461,8 @@ Rgb LightSampler::environment(const Vec3f& d, double t, bool from_camera) const 
 float LightSampler::environment_pdf(const Vec3f& d, double t, const Vec3f& from) const {
   float sum = 0;
   for (std::size_t i = 0; i < impl_->environments.size(); ++i) {
-    sum += impl_->choice.probability(from, std::uint32_t(impl_->first_environment() + i)) * impl_->pdf(impl_->environments[i], d, t);
+    sum += impl_->choice.probability(from, std::uint32_t(impl_->first_environment() + i)) *
+           impl_->pdf(impl_->environments[i], d, t);
   }
   return sum;
 }

@@ -31,8 +31,8 @@ std::string checkpoint_path(const std::string& frame_file);
 void save_checkpoint(const std::string& path, const std::string& fingerprint, const Frame& frame,
                      std::span<const Tile> tiles, const CheckpointState& state);
 
-/// Copies the finished tiles into `frame`, which has all layers already, and returns the state; none, with `why` set, if
-/// the file does not belong to this frame. Pre: the file exists.
+/// Copies the finished tiles into `frame`, which has all layers already, and returns the state; none, with `why` set,
+/// if the file does not belong to this frame. Pre: the file exists.
 std::optional<CheckpointState> load_checkpoint(const std::string& path, const std::string& fingerprint, Frame& frame,
                                                std::span<const Tile> tiles, std::string& why);
 

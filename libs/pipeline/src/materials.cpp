@@ -63,8 +63,8 @@ Slot MaterialValues::slot(const std::string& name, bool is_color) const {
   // What has no extension cannot be meant as a file.
   if (text.find('.') == std::string::npos) {
     throw Error(ErrorCode::kBadInput, loc(name),
-                fmt::format("{} = \"{}\" is neither a color (a number, three numbers or \"#rrggbb\") nor an image file", name,
-                            text));
+                fmt::format("{} = \"{}\" is neither a color (a number, three numbers or \"#rrggbb\") nor an image file",
+                            name, text));
   }
   ImageTextureParams texture;
   texture.file = files_(text, loc(name));

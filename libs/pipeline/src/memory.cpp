@@ -85,7 +85,8 @@ std::optional<std::uint64_t> read_number(const char* path) {
 
 std::uint64_t parse_memory_size(std::string_view text) {
   const auto fail = [&] {
-    return Error(ErrorCode::kUsage, {"<command line>"}, fmt::format("cannot read the size \"{}\"; write for example 8G or 512M", text));
+    return Error(ErrorCode::kUsage, {"<command line>"},
+                 fmt::format("cannot read the size \"{}\"; write for example 8G or 512M", text));
   };
   double value = 0;
   const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), value);
@@ -136,11 +137,12 @@ void check_memory(const Shot& shot, const Scene& scene, std::uint64_t limit) {
   const double held = double(scene_memory(scene)), need = held + p.sum();
   const double allowed = double(limit > 0 ? limit : machine_memory());
   if (need <= allowed) return;
-  throw Error(ErrorCode::kOutOfMemory,
-              fmt::format("this needs about {:.1f} GiB ({:.1f} scene, {:.1f} ray tracing structures, {:.1f} moving vertices, "
-                          "{:.1f} pictures), more than the {:.1f} GiB {}",
-                          need / kGiB, held / kGiB, p.structures / kGiB, p.vertices / kGiB, p.frames / kGiB, allowed / kGiB,
-                          limit > 0 ? "of --memory-limit" : "of this machine"));
+  throw Error(
+      ErrorCode::kOutOfMemory,
+      fmt::format("this needs about {:.1f} GiB ({:.1f} scene, {:.1f} ray tracing structures, {:.1f} moving vertices, "
+                  "{:.1f} pictures), more than the {:.1f} GiB {}",
+                  need / kGiB, held / kGiB, p.structures / kGiB, p.vertices / kGiB, p.frames / kGiB, allowed / kGiB,
+                  limit > 0 ? "of --memory-limit" : "of this machine"));
 }
 
 }  // namespace tempera

@@ -18,9 +18,7 @@ namespace tempera {
 
 namespace {
 
-double now() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
+double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
 void print(std::FILE* out, const std::string& text) {
   std::fwrite(text.data(), 1, text.size(), out);
@@ -29,7 +27,8 @@ void print(std::FILE* out, const std::string& text) {
 
 std::string clock_text(double seconds) {
   const long s = long(std::clamp(seconds, 0.0, 1e9) + 0.5);
-  return s >= 3600 ? fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60) : fmt::format("{}:{:02}", s / 60, s % 60);
+  return s >= 3600 ? fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60)
+                   : fmt::format("{}:{:02}", s / 60, s % 60);
 }
 
 std::string rate_text(double per_second) {
@@ -144,7 +143,7 @@ class Bar : public Counting {
     std::string bar;
     if (width >= 8) {
       const int full = int(fraction() * width);
-      bar = "[" + std::string(std::size_t(full), '=') + std::string(std::size_t(width - full), ' ') + "]";
+      bar = fmt::format("[{:=<{}}{:{}}]", "", full, "", width - full);
     }
     draw((bar + text).substr(0, std::size_t(std::max(columns - 1, 10))));
   }
@@ -187,9 +186,7 @@ class Json : public Counting {
            {"spp", p.settings->spp},
            {"layers", layers}});
   }
-  void frame_started() override {
-    event({{"event", "frame"}, {"frame", frame_}, {"index", index_}, {"of", frames_}});
-  }
+  void frame_started() override { event({{"event", "frame"}, {"frame", frame_}, {"index", index_}, {"of", frames_}}); }
   void update() override {
     event({{"event", "progress"}, {"frame", frame_}, {"percent", 100 * fraction()}, {"seconds_left", seconds_left()}});
   }
@@ -250,13 +247,19 @@ ProgressKind parse_progress(std::string_view text) {
 std::unique_ptr<RenderObserver> make_progress(ProgressKind kind) {
   // A bar written into a file would be one endless line.
   const bool terminal = isatty(STDERR_FILENO);
-  if (kind == ProgressKind::kAuto || kind == ProgressKind::kTty) kind = terminal ? ProgressKind::kTty : ProgressKind::kPlain;
+  if (kind == ProgressKind::kAuto || kind == ProgressKind::kTty)
+    kind = terminal ? ProgressKind::kTty : ProgressKind::kPlain;
   switch (kind) {
-    case ProgressKind::kTty: return std::make_unique<Bar>();
-    case ProgressKind::kJson: return std::make_unique<Json>();
-    case ProgressKind::kOpenJd: return std::make_unique<OpenJd>();
-    case ProgressKind::kNone: return std::make_unique<RenderObserver>();
-    default: return std::make_unique<Plain>();
+    case ProgressKind::kTty:
+      return std::make_unique<Bar>();
+    case ProgressKind::kJson:
+      return std::make_unique<Json>();
+    case ProgressKind::kOpenJd:
+      return std::make_unique<OpenJd>();
+    case ProgressKind::kNone:
+      return std::make_unique<RenderObserver>();
+    default:
+      return std::make_unique<Plain>();
   }
 }
 

@@ -35,9 +35,7 @@ namespace {
 
 constexpr const char* kFingerprintKey = "tempera/fingerprint";
 
-double now() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
+double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
 /// What is fixed for a sequence.
 struct Sequence {
@@ -105,8 +103,8 @@ FrameContext context(const Sequence& q, const FrameScene& s, int frame) {
 
 RenderTotals totals_of(RenderCounters& c) { return {c.samples, c.rays, c.shadow_rays, c.bad_samples, c.first_bad}; }
 
-/// Renders the tiles of `state` that are not done into `frame`. `finished(tile, totals)` is called, with `mutex` held by
-/// nobody, after a tile is marked done.
+/// Renders the tiles of `state` that are not done into `frame`. `finished(tile, totals)` is called, with `mutex` held
+/// by nobody, after a tile is marked done.
 void render_tiles(const Sequence& q, const FrameContext& c, Frame& frame, CheckpointState& state, std::mutex& mutex,
                   std::stop_token stop, const std::function<void(const Tile&, const RenderTotals&)>& finished) {
   std::vector<std::size_t> missing;
@@ -204,8 +202,9 @@ void check_output(const Sequence& q, std::size_t frames, const std::string& path
   constexpr double kMiB = 1 << 20;
   // Noise compresses badly, features well: half the raw size is what a frame takes at least.
   if (double(space.available) < 0.5 * bytes) {
-    throw Error(ErrorCode::kFailed, fmt::format("no space for a frame of about {:.0f} MiB on the disk of {} ({:.0f} MiB are free)",
-                                                bytes / kMiB, path, double(space.available) / kMiB));
+    throw Error(ErrorCode::kFailed,
+                fmt::format("no space for a frame of about {:.0f} MiB on the disk of {} ({:.0f} MiB are free)",
+                            bytes / kMiB, path, double(space.available) / kMiB));
   }
   if (double(space.available) < 0.5 * bytes * double(frames)) {
     log_warning(fmt::format("{} frames may take {:.0f} MiB, but only {:.0f} MiB are free on the disk of {}", frames,
@@ -213,8 +212,8 @@ void check_output(const Sequence& q, std::size_t frames, const std::string& path
   }
 }
 
-/// Writes frames one after the other on a thread of its own, so that the next frame can start. At most one waits: memory
-/// stays bounded.
+/// Writes frames one after the other on a thread of its own, so that the next frame can start. At most one waits:
+/// memory stays bounded.
 class FrameWriter {
  public:
   /// `written` is called on the writing thread; `failed` is requested to stop on an error.
@@ -315,7 +314,6 @@ class PeriodicCheckpoint {
   std::condition_variable_any wake_;
   std::jthread thread_;  // last: its destructor stops and joins first
 };
-
 
 }  // namespace
 
@@ -449,8 +447,8 @@ Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals
 Rgb replay_sample(const Shot& shot, const Scene& scene, const BadSample& b) {
   const RenderSettings& s = shot.settings;
   if (b.x < 0 || b.y < 0 || b.x >= s.width || b.y >= s.height || b.sample < 0) {
-    throw Error(ErrorCode::kUsage, fmt::format("there is no sample {} of pixel {},{} in a picture of {}x{}", b.sample, b.x,
-                                               b.y, s.width, s.height));
+    throw Error(ErrorCode::kUsage, fmt::format("there is no sample {} of pixel {},{} in a picture of {}x{}", b.sample,
+                                               b.x, b.y, s.width, s.height));
   }
   Sequence q(shot, scene);
   const FrameScene frame_scene(q, b.frame);

@@ -18,12 +18,14 @@ namespace {
 
 constexpr int kMaxSide = 65536;  // pixels
 
-/// "1280x720", "1280,720" or "0.5,1": the numbers of a list. Errors: Error{kBadInput} unless there are `count` (0: any).
+/// "1280x720", "1280,720" or "0.5,1": the numbers of a list. Errors: Error{kBadInput} unless there are `count` (0:
+/// any).
 template <class T>
 std::vector<T> numbers(const ShotConfig& config, const std::string& key, std::size_t count, const char* form) {
   const std::string& text = config.get_string(key);
   const auto fail = [&] {
-    return Error(ErrorCode::kBadInput, config.loc(key), fmt::format("{} = \"{}\" cannot be read; write {}", key, text, form));
+    return Error(ErrorCode::kBadInput, config.loc(key),
+                 fmt::format("{} = \"{}\" cannot be read; write {}", key, text, form));
   };
   std::vector<T> out;
   const char* at = text.data();
@@ -74,8 +76,8 @@ void settle_film(const ShotConfig& config, const Scene& scene, RenderSettings& s
                       s.crop_width <= s.width - s.crop_x && s.crop_height <= s.height - s.crop_y;
   if (!whole && !inside) {
     throw Error(ErrorCode::kOutOfRange, config.find("film.crop") ? config.loc("film.crop") : scene_loc,
-                fmt::format("the crop of {}x{} at {},{} is not inside of the picture of {}x{}", s.crop_width, s.crop_height,
-                            s.crop_x, s.crop_y, s.width, s.height));
+                fmt::format("the crop of {}x{} at {},{} is not inside of the picture of {}x{}", s.crop_width,
+                            s.crop_height, s.crop_x, s.crop_y, s.width, s.height));
   }
   const double scale = config.get_double("film.scale") / 100;
   if (scale != 1) {
@@ -129,7 +131,8 @@ void settle_clock(const ShotConfig& config, const RenderDefaults& defaults, Fram
     throw out_of_range(config, config.find("shutter.ramp_out") ? "shutter.ramp_out" : "shutter.ramp_in",
                        "shutter.ramp_in and shutter.ramp_out add up to more than 1");
   }
-  if (config.find("shutter.curve")) shutter.curve = numbers<float>(config, "shutter.curve", 0, "numbers, e.g. [0, 1, 1, 0]");
+  if (config.find("shutter.curve"))
+    shutter.curve = numbers<float>(config, "shutter.curve", 0, "numbers, e.g. [0, 1, 1, 0]");
   if (shutter.shape == ShutterShape::kCurve) {
     const auto& curve = shutter.curve;
     if (curve.size() < 2 || std::any_of(curve.begin(), curve.end(), [](float v) { return !(v >= 0) || v > 1e30f; }) ||
@@ -163,14 +166,16 @@ std::vector<int> find_frames(const ShotConfig& config, const Scene& scene, const
     try {
       return parse_frame_set(config.get_string("frames"));
     } catch (const Error& e) {
-      throw Error(config.loc("frames").line > 0 ? ErrorCode::kBadInput : ErrorCode::kUsage, config.loc("frames"), e.message());
+      throw Error(config.loc("frames").line > 0 ? ErrorCode::kBadInput : ErrorCode::kUsage, config.loc("frames"),
+                  e.message());
     }
   }
   // Absolute shutter times mean one picture.
   if (!(scene.animation.length() > 0) || scene.defaults.exposure) return {clock.first};
   // Keys are rarely at exact multiples of the frame's duration; a thousandth of a frame decides for "on it".
   const auto frame = [&](double t) { return (t - clock.start) * clock.fps + clock.first; };
-  const double first = std::ceil(frame(scene.animation.begin) - 1e-3), last = std::floor(frame(scene.animation.end) + 1e-3);
+  const double first = std::ceil(frame(scene.animation.begin) - 1e-3),
+               last = std::floor(frame(scene.animation.end) + 1e-3);
   constexpr double kMaxFrames = 1e6;
   if (!(last - first < kMaxFrames) || std::abs(first) > 1e9) {
     throw Error(ErrorCode::kOutOfRange, {scene.source.string()},
@@ -194,11 +199,12 @@ void settle_classes(const ShotConfig& config, RenderSettings& s) {
   std::vector<SourceLoc> locs;
   for (const auto& [key, value] : s.classes_are_decomposition ? parts : classes) {
     const std::string& name = key[0];
-    const bool plain = std::all_of(name.begin(), name.end(),
-                                   [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-'; });
+    const bool plain =
+        std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-'; });
     if (!plain || name == "residual") {
-      throw Error(ErrorCode::kBadInput, value.loc,
-                  fmt::format("\"{}\" cannot name a class; use letters, digits, '_' and '-', and not \"residual\"", name));
+      throw Error(
+          ErrorCode::kBadInput, value.loc,
+          fmt::format("\"{}\" cannot name a class; use letters, digits, '_' and '-', and not \"residual\"", name));
     }
     SourceLoc loc = value.loc;
     if (loc.column > 0) ++loc.column;  // past the opening quote
@@ -211,10 +217,11 @@ void settle_classes(const ShotConfig& config, RenderSettings& s) {
   const LightPathClassifier classifier(expressions, locs.empty() ? SourceLoc{} : locs[0]);
   if (!s.classes_are_decomposition) return;
   if (const auto overlap = classifier.overlap()) {
-    throw Error(ErrorCode::kBadInput, locs[std::size_t(overlap->second)],
-                fmt::format("the classes \"{}\" and \"{}\" overlap: both hold the path {}; parts of a decomposition must not",
-                            s.classes[std::size_t(overlap->first)].name, s.classes[std::size_t(overlap->second)].name,
-                            overlap->witness));
+    throw Error(
+        ErrorCode::kBadInput, locs[std::size_t(overlap->second)],
+        fmt::format("the classes \"{}\" and \"{}\" overlap: both hold the path {}; parts of a decomposition must not",
+                    s.classes[std::size_t(overlap->first)].name, s.classes[std::size_t(overlap->second)].name,
+                    overlap->witness));
   }
 }
 
@@ -327,9 +334,11 @@ ShotConfig read_shot_config(const std::filesystem::path& file) {
     return config;
   }
   std::vector<std::string> extensions{".toml"};
-  for (const ImporterEntry* i : importers()) extensions.insert(extensions.end(), i->extensions.begin(), i->extensions.end());
+  for (const ImporterEntry* i : importers())
+    extensions.insert(extensions.end(), i->extensions.begin(), i->extensions.end());
   std::string extension = file.extension().string();
-  std::transform(extension.begin(), extension.end(), extension.begin(), [](unsigned char c) { return std::tolower(c); });
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
   if (std::find(extensions.begin(), extensions.end(), extension) == extensions.end()) {
     std::error_code ignored;
     if (!std::filesystem::exists(file, ignored)) {
@@ -379,14 +388,15 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   s.spp = config.find("sampling.spp") ? config.get_int("sampling.spp") : scene.defaults.spp.value_or(s.spp);
   s.seed = std::uint64_t(config.get_int("sampling.seed"));
   s.seed_per_frame = config.get_bool("sampling.seed_per_frame");
-  const std::string sampler =
-      config.find("sampling.sampler") ? config.get_string("sampling.sampler") : scene.defaults.sampler.value_or("sobol");
+  const std::string sampler = config.find("sampling.sampler") ? config.get_string("sampling.sampler")
+                                                              : scene.defaults.sampler.value_or("sobol");
   s.sampler = sampler == "independent" ? SamplerKind::kIndependent : SamplerKind::kSobol;
   s.layers.clear();
   for (const LayerDesc& d : parse_layer_names(config.get_string("output.layers"), config.loc("output.layers"))) {
     s.layers.push_back(d.name);
   }
-  if (std::find(s.layers.begin(), s.layers.end(), "color") == s.layers.end()) s.layers.insert(s.layers.begin(), "color");
+  if (std::find(s.layers.begin(), s.layers.end(), "color") == s.layers.end())
+    s.layers.insert(s.layers.begin(), "color");
   s.cryptomatte_depth = config.get_int("output.cryptomatte_depth");
   settle_classes(config, s);
   settle_integrator(config, scene.defaults, shot);
@@ -408,7 +418,8 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   replace_materials(config, shot, scene);
   if (!has_light(scene)) {
     add_default_light(scene);
-    log_warning(fmt::format("{} has no light: adding a dim environment and a directional light", scene.source.string()));
+    log_warning(
+        fmt::format("{} has no light: adding a dim environment and a directional light", scene.source.string()));
   }
 
   // Which layers an integrator can write is its own knowledge; ask it before a ray is traced.

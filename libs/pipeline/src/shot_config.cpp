@@ -25,9 +25,10 @@ std::string join_key(const KeyPath& key) {
 
 KeyPath parse_key(std::string_view text, const SourceLoc& loc) {
   const auto fail = [&] {
-    return Error(ErrorCode::kSyntax, loc,
-                 fmt::format("cannot read the key \"{}\"; write for example film.resolution or materials.\"My Glass\".ior",
-                             text));
+    return Error(
+        ErrorCode::kSyntax, loc,
+        fmt::format("cannot read the key \"{}\"; write for example film.resolution or materials.\"My Glass\".ior",
+                    text));
   };
   KeyPath key;
   std::string_view rest = text;
@@ -87,8 +88,9 @@ Error unknown_table(const KeyPath& wanted, const SourceLoc& loc) {
   for (const OpenTable& t : shot_tables()) {
     if (std::find(names.begin(), names.end(), t.name) == names.end()) names.push_back(t.name);
   }
-  return Error(ErrorCode::kUnknownName, loc,
-               fmt::format("unknown table [{}]; known: {}", join_key(wanted), nearest_names(join_key(wanted), names, 5)));
+  return Error(
+      ErrorCode::kUnknownName, loc,
+      fmt::format("unknown table [{}]; known: {}", join_key(wanted), nearest_names(join_key(wanted), names, 5)));
 }
 
 SourceLoc place(const std::string& file, const toml::source_region& region) {
@@ -97,12 +99,16 @@ SourceLoc place(const std::string& file, const toml::source_region& region) {
 
 const char* kind(const toml::node& node) {
   switch (node.type()) {
-    case toml::node_type::table: return "table";
-    case toml::node_type::array: return "array";
+    case toml::node_type::table:
+      return "table";
+    case toml::node_type::array:
+      return "array";
     case toml::node_type::date:
     case toml::node_type::time:
-    case toml::node_type::date_time: return "date or time";
-    default: return "value";
+    case toml::node_type::date_time:
+      return "date or time";
+    default:
+      return "value";
   }
 }
 
@@ -117,7 +123,8 @@ ParamValue scalar(const toml::node& node, const std::string& key, const SourceLo
     }
     return int(v->get());
   }
-  throw Error(ErrorCode::kBadInput, loc, fmt::format("{} is a {}; expected a number, a string or a bool", key, kind(node)));
+  throw Error(ErrorCode::kBadInput, loc,
+              fmt::format("{} is a {}; expected a number, a string or a bool", key, kind(node)));
 }
 
 /// The elements joined by ',': the text that the command line would have.
@@ -153,9 +160,8 @@ void ShotConfig::read_text(std::string_view text, const std::string& file, const
       const OpenTable* open = find_table(key[0]);
       if (const auto* inner = node.as_table();
           inner && (open || key.size() == 1) && key.size() <= std::size_t(open ? open->depth : 1)) {
-        if (!open && std::none_of(shot_keys().begin(), shot_keys().end(), [&](const ShotKey& k) {
-              return k.spec.name.starts_with(key[0] + ".");
-            })) {
+        if (!open && std::none_of(shot_keys().begin(), shot_keys().end(),
+                                  [&](const ShotKey& k) { return k.spec.name.starts_with(key[0] + "."); })) {
           throw unknown_table(key, key_loc);
         }
         self(self, *inner, key);
@@ -166,7 +172,8 @@ void ShotConfig::read_text(std::string_view text, const std::string& file, const
         const ShotKey* fixed = find_key(dotted);
         if ((fixed && !fixed->list) || (!fixed && !open)) {
           if (!fixed) set(key, std::string(), true, loc, key_loc);  // reports the unknown key
-          throw Error(ErrorCode::kBadInput, loc, fmt::format("{} is an array; expected a {}", dotted, type_name(fixed->spec.fallback)));
+          throw Error(ErrorCode::kBadInput, loc,
+                      fmt::format("{} is an array; expected a {}", dotted, type_name(fixed->spec.fallback)));
         }
         set(key, joined(*array, dotted, file), false, loc, key_loc);
       } else if (node.is_table()) {
@@ -194,10 +201,17 @@ void ShotConfig::set(const KeyPath& key, const ParamValue& value, bool as_text, 
     ShotValue& out = values_[key];
     out.loc = loc;
     switch (fixed->spec.fallback.index()) {
-      case 0: out.value = check.get_bool(dotted); break;
-      case 1: out.value = check.get_int(dotted); break;
-      case 2: out.value = check.get_double(dotted); break;
-      default: out.value = check.get_string(dotted);
+      case 0:
+        out.value = check.get_bool(dotted);
+        break;
+      case 1:
+        out.value = check.get_int(dotted);
+        break;
+      case 2:
+        out.value = check.get_double(dotted);
+        break;
+      default:
+        out.value = check.get_string(dotted);
     }
     return;
   }
@@ -217,7 +231,8 @@ void ShotConfig::assign(const std::string& assignment, const SourceLoc& loc) {
   bool quoted = false;
   for (std::size_t i = 0; i < assignment.size(); ++i) {
     if (assignment[i] == '"') quoted = !quoted;
-    if (assignment[i] == '=' && !quoted && i > 0) return set_text(assignment.substr(0, i), assignment.substr(i + 1), loc);
+    if (assignment[i] == '=' && !quoted && i > 0)
+      return set_text(assignment.substr(0, i), assignment.substr(i + 1), loc);
   }
   throw Error(ErrorCode::kUsage, loc, fmt::format("\"{}\" is not of the form key=value", assignment));
 }

@@ -79,7 +79,8 @@ std::span<const OpenTable> shot_tables() {
   static const std::vector<OpenTable> tables = {
       {"integrator", "parameter", "parameters of the integrator; `tempera list integrators` names them"},
       {"classes", "name", "light-path classes to write as layers class.<name>.color: name = \"expression\""},
-      {"decompose", "name", "as classes, but checked to be disjoint; with the layer class.residual.color they add up to color"},
+      {"decompose", "name",
+       "as classes, but checked to be disjoint; with the layer class.residual.color they add up to color"},
       {"define", "name", "values of the scene file's own parameters (Mitsuba's $name)"},
       {"materials", "material", "materials that replace those of this name in the scene: type and its parameters", 2},
   };

@@ -33,7 +33,8 @@ TevAddress parse_tev_address(std::string_view text) {
   const auto colon = text.rfind(':');
   if (text.starts_with('[')) {  // IPv6 address in brackets
     const auto close = text.find(']');
-    if (close == std::string_view::npos) throw Error(ErrorCode::kUsage, fmt::format("cannot read the address \"{}\"", text));
+    if (close == std::string_view::npos)
+      throw Error(ErrorCode::kUsage, fmt::format("cannot read the address \"{}\"", text));
     a.host = text.substr(1, close - 1);
     if (close + 1 < text.size()) port = text.substr(close + 2);
   } else if (colon != std::string_view::npos) {
@@ -46,7 +47,8 @@ TevAddress parse_tev_address(std::string_view text) {
   if (!port.empty()) {
     const auto [end, ec] = std::from_chars(port.data(), port.data() + port.size(), a.port);
     if (ec != std::errc() || end != port.data() + port.size() || a.port < 1 || a.port > 65535) {
-      throw Error(ErrorCode::kUsage, fmt::format("cannot read the address \"{}\"; write for example 127.0.0.1:{}", text, kTevPort));
+      throw Error(ErrorCode::kUsage,
+                  fmt::format("cannot read the address \"{}\"; write for example 127.0.0.1:{}", text, kTevPort));
     }
   }
   return a;
@@ -56,7 +58,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-Clock::duration seconds(double s) { return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s)); }
+Clock::duration seconds(double s) {
+  return std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(s));
+}
 
 /// One message under construction.
 class Message {
@@ -82,13 +86,13 @@ class Message {
 constexpr int kChannels = 4;
 const char* const kChannelNames[kChannels] = {"R", "G", "B", "A"};
 
-/// What the renderer writes and the sending thread reads. Shared, because a thread that is stuck in a name look-up is left
-/// behind when the render ends.
+/// What the renderer writes and the sending thread reads. Shared, because a thread that is stuck in a name look-up is
+/// left behind when the render ends.
 struct Shared {
   std::mutex mutex;
   std::condition_variable changed;
-  bool stop = false;       // no more tiles will come; leave when all are sent
-  bool finished = false;   // the thread has left
+  bool stop = false;      // no more tiles will come; leave when all are sent
+  bool finished = false;  // the thread has left
   int width = 0, height = 0;
   std::uint64_t picture = 0;  // counts changes of size: each needs a new image in the viewer
   std::vector<float> pixels;  // [height, width, 4]
@@ -114,7 +118,8 @@ class Connection {
   static Connection open(const TevAddress& address, F&& give_up) {
     addrinfo hints{}, *list = nullptr;
     hints.ai_socktype = SOCK_STREAM;
-    if (getaddrinfo(address.host.c_str(), std::to_string(address.port).c_str(), &hints, &list) != 0) return Connection();
+    if (getaddrinfo(address.host.c_str(), std::to_string(address.port).c_str(), &hints, &list) != 0)
+      return Connection();
     Connection out;
     for (const addrinfo* a = list; a && !out; a = a->ai_next) {
       Connection c(socket(a->ai_family, a->ai_socktype | SOCK_NONBLOCK | SOCK_CLOEXEC, a->ai_protocol));
@@ -322,13 +327,15 @@ class Sender {
 class TevDisplay final : public RenderObserver {
  public:
   TevDisplay(const TevAddress& address, const std::string& name, const TevOptions& options)
-      : options_(options), thread_([shared = shared_, address, name, options] { Sender(shared, address, name, options).run(); }) {}
+      : options_(options),
+        thread_([shared = shared_, address, name, options] { Sender(shared, address, name, options).run(); }) {}
 
   ~TevDisplay() override {
     std::unique_lock lock(shared_->mutex);
     shared_->stop = true;
     shared_->changed.notify_all();
-    const bool left = shared_->changed.wait_for(lock, seconds(options_.flush_seconds + 1), [&] { return shared_->finished; });
+    const bool left =
+        shared_->changed.wait_for(lock, seconds(options_.flush_seconds + 1), [&] { return shared_->finished; });
     lock.unlock();
     // It can only be stuck in a name look-up, which cannot be cancelled; it touches nothing but `shared_`.
     left ? thread_.join() : thread_.detach();
@@ -357,7 +364,8 @@ class TevDisplay final : public RenderObserver {
     for (int y = tile.y0; y < tile.y1; ++y) {
       for (int x = tile.x0; x < tile.x1; ++x) {
         const float* in = color.pixel(x, y);
-        float* out = shared_->pixels.data() + (std::size_t(y) * std::size_t(shared_->width) + std::size_t(x)) * kChannels;
+        float* out =
+            shared_->pixels.data() + (std::size_t(y) * std::size_t(shared_->width) + std::size_t(x)) * kChannels;
         for (std::size_t c = 0; c < kChannels; ++c) out[c] = c < channels ? in[c] : 1.0f;
       }
     }

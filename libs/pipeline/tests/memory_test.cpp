@@ -42,7 +42,8 @@ Scene scene_of(int triangles) {
 TEST(Memory, EstimateGrowsWithTrianglesAndPixels) {
   Shot shot;
   shot.params = Params(find_integrator("path").params);
-  const std::uint64_t small = estimate_render_memory(shot, scene_of(1)), large = estimate_render_memory(shot, scene_of(1000001));
+  const std::uint64_t small = estimate_render_memory(shot, scene_of(1)),
+                      large = estimate_render_memory(shot, scene_of(1000001));
   EXPECT_GT(large - small, 100u << 20) << "a million triangles take more than 100 bytes each";
   EXPECT_LT(large - small, 1000u << 20);
   Shot wide = shot;

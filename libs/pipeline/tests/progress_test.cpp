@@ -64,7 +64,8 @@ TEST(Progress, OpenJobDescriptionLines) {
 TEST(Progress, PlainLinesWhereThereIsNoTerminal) {
   for (const ProgressKind kind : {ProgressKind::kPlain, ProgressKind::kTty, ProgressKind::kAuto}) {
     const std::string text = transcript(kind);
-    EXPECT_NE(text.find("--\nframe 1 done: seconds=1.500 samples=100 rays=0 path=out/\"f\".exr\nframe 2 done:"), std::string::npos)
+    EXPECT_NE(text.find("--\nframe 1 done: seconds=1.500 samples=100 rays=0 path=out/\"f\".exr\nframe 2 done:"),
+              std::string::npos)
         << text;
     EXPECT_EQ(text.find('\033'), std::string::npos) << "no bar in a file";
   }

@@ -24,9 +24,8 @@ class RenderSequence : public testing::Test {
  protected:
   void SetUp() override {
     set_log_level(LogLevel::kWarning);
-    folder_ = fs::temp_directory_path() /
-              ("tempera_render_" + std::to_string(getpid()) + "_" +
-               testing::UnitTest::GetInstance()->current_test_info()->name());
+    folder_ = fs::temp_directory_path() / ("tempera_render_" + std::to_string(getpid()) + "_" +
+                                           testing::UnitTest::GetInstance()->current_test_info()->name());
     fs::remove_all(folder_);
     scene_.animation = {0, 1};
     scene_.nodes.resize(2);
@@ -66,7 +65,8 @@ class RenderSequence : public testing::Test {
   void expect_right(int frame) const {
     const Frame wanted = render_frame(shot_, scene_, frame), got = read_frame(file(frame));
     ASSERT_EQ(got.layer_names(), wanted.layer_names());
-    for (const Layer& l : wanted.layers()) EXPECT_EQ(got.layer(l.desc.name), l.image) << l.desc.name << " of frame " << frame;
+    for (const Layer& l : wanted.layers())
+      EXPECT_EQ(got.layer(l.desc.name), l.image) << l.desc.name << " of frame " << frame;
   }
   std::size_t files() const {
     return std::size_t(std::distance(fs::directory_iterator(folder_), fs::directory_iterator()));
@@ -138,7 +138,8 @@ TEST_F(RenderSequence, ThreadsAndSplitsDoNotChangeABit) {
     });
     for (int f = 1; f <= 3; ++f) {
       const Frame other = read_frame(file(f));
-      for (const Layer& l : other.layers()) EXPECT_EQ(l.image, one[std::size_t(f - 1)].layer(l.desc.name)) << l.desc.name;
+      for (const Layer& l : other.layers())
+        EXPECT_EQ(l.image, one[std::size_t(f - 1)].layer(l.desc.name)) << l.desc.name;
     }
   }
 }
@@ -257,13 +258,15 @@ TEST_F(RenderSequence, ReplaysOneSample) {
 
 TEST_F(RenderSequence, CropIsAWindowOnTheSamePicture) {
   const Frame whole = render_frame(shot_, scene_, 1);
-  shot_.settings.crop_x = 13, shot_.settings.crop_y = 9, shot_.settings.crop_width = 41, shot_.settings.crop_height = 37;
+  shot_.settings.crop_x = 13, shot_.settings.crop_y = 9, shot_.settings.crop_width = 41,
+  shot_.settings.crop_height = 37;
   const Frame part = render_frame(shot_, scene_, 1);
   for (const Layer& l : part.layers()) {
     for (int y = 0; y < 37; ++y) {
       for (int x = 0; x < 41; ++x) {
         for (int c = 0; c < l.image.channels(); ++c) {
-          ASSERT_EQ(l.image.at(x, y, c), whole.layer(l.desc.name).at(x + 13, y + 9, c)) << l.desc.name << " " << x << "," << y;
+          ASSERT_EQ(l.image.at(x, y, c), whole.layer(l.desc.name).at(x + 13, y + 9, c))
+              << l.desc.name << " " << x << "," << y;
         }
       }
     }

@@ -85,21 +85,21 @@ TEST_P(ShotConfigErrors, NamesPlaceAndRemedy) {
 
 INSTANTIATE_TEST_SUITE_P(
     All, ShotConfigErrors,
-    testing::Values(
-        Bad{"scene = \"a\"\ncamra = \"b\"\n", ErrorCode::kUnknownName, 2, 1, "known: camera"},
-        Bad{"[film]\nresolutoin = [1, 2]\n", ErrorCode::kUnknownName, 2, 1, "known: film.resolution"},
-        Bad{"[flim]\nfilter = \"box\"\n", ErrorCode::kUnknownName, 1, 2, "known: film"},
-        Bad{"[film.filter]\nname = \"box\"\n", ErrorCode::kUnknownName, 1, 7, "unknown table"},
-        Bad{"[sampling]\nspp = \"many\"\n", ErrorCode::kBadInput, 2, 7, "expected a integer"},
-        Bad{"[sampling]\nspp = 0\n", ErrorCode::kOutOfRange, 2, 7, "between 1 and"},
-        Bad{"[sampling]\nspp = [1]\n", ErrorCode::kBadInput, 2, 7, "is an array"},
-        Bad{"[sampling]\nseed = 9999999999\n", ErrorCode::kOutOfRange, 2, 8, "32 bits"},
-        Bad{"[sampling]\nsampler = \"halton\"\n", ErrorCode::kUnknownName, 2, 11, "sobol"},
-        Bad{"fps = 1979-05-27\n", ErrorCode::kBadInput, 1, 7, "date"},
-        Bad{"[film]\nresolution = [1, [2]]\n", ErrorCode::kBadInput, 2, 18, "array"},
-        Bad{"scene = \"a\nb\"\n", ErrorCode::kSyntax, 1, 11, ""},
-        Bad{"[classes.a]\nb = \"ED\"\n", ErrorCode::kUnknownName, 1, 10, "unknown table"},
-        Bad{"[materials]\nGlass = \"dielectric\"\n", ErrorCode::kUnknownName, 2, 1, "materials.<material>.<parameter>"}));
+    testing::Values(Bad{"scene = \"a\"\ncamra = \"b\"\n", ErrorCode::kUnknownName, 2, 1, "known: camera"},
+                    Bad{"[film]\nresolutoin = [1, 2]\n", ErrorCode::kUnknownName, 2, 1, "known: film.resolution"},
+                    Bad{"[flim]\nfilter = \"box\"\n", ErrorCode::kUnknownName, 1, 2, "known: film"},
+                    Bad{"[film.filter]\nname = \"box\"\n", ErrorCode::kUnknownName, 1, 7, "unknown table"},
+                    Bad{"[sampling]\nspp = \"many\"\n", ErrorCode::kBadInput, 2, 7, "expected a integer"},
+                    Bad{"[sampling]\nspp = 0\n", ErrorCode::kOutOfRange, 2, 7, "between 1 and"},
+                    Bad{"[sampling]\nspp = [1]\n", ErrorCode::kBadInput, 2, 7, "is an array"},
+                    Bad{"[sampling]\nseed = 9999999999\n", ErrorCode::kOutOfRange, 2, 8, "32 bits"},
+                    Bad{"[sampling]\nsampler = \"halton\"\n", ErrorCode::kUnknownName, 2, 11, "sobol"},
+                    Bad{"fps = 1979-05-27\n", ErrorCode::kBadInput, 1, 7, "date"},
+                    Bad{"[film]\nresolution = [1, [2]]\n", ErrorCode::kBadInput, 2, 18, "array"},
+                    Bad{"scene = \"a\nb\"\n", ErrorCode::kSyntax, 1, 11, ""},
+                    Bad{"[classes.a]\nb = \"ED\"\n", ErrorCode::kUnknownName, 1, 10, "unknown table"},
+                    Bad{"[materials]\nGlass = \"dielectric\"\n", ErrorCode::kUnknownName, 2, 1,
+                        "materials.<material>.<parameter>"}));
 
 TEST(ShotConfig, CommandLineErrorsNameTheCommandLine) {
   ShotConfig c;

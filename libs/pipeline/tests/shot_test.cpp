@@ -70,7 +70,8 @@ TEST(Shot, SceneFileThenShotThenCommandLine) {
   EXPECT_EQ(from_scene.settings.filter.radius(), 1.25f);
 
   ShotConfig c;
-  c.read_text("scene=\"scene.xml\"\n[sampling]\nspp=8\n[film]\nfilter=\"tent\"\n[integrator]\nmax_depth=6\n", "shot.toml", ".");
+  c.read_text("scene=\"scene.xml\"\n[sampling]\nspp=8\n[film]\nfilter=\"tent\"\n[integrator]\nmax_depth=6\n",
+              "shot.toml", ".");
   const Shot from_shot = settle_shot(c, s);
   EXPECT_EQ(from_shot.settings.spp, 8);
   EXPECT_EQ(from_shot.settings.width, 100);
@@ -154,13 +155,16 @@ INSTANTIATE_TEST_SUITE_P(
         Bad{"[materials.Paint]\nreflectance = 1\n", ErrorCode::kBadInput, 3, "needs a type"},
         Bad{"[materials.Paint]\ntype = \"difuse\"\n", ErrorCode::kUnknownName, 3, "diffuse"},
         Bad{"[materials.Paint]\ntype = \"diffuse\"\nior = 2\n", ErrorCode::kUnknownName, 4, "reflectance"},
-        Bad{"[materials.Paint]\ntype = \"diffuse\"\nreflectance = \"red\"\n", ErrorCode::kBadInput, 4, "neither a color"},
+        Bad{"[materials.Paint]\ntype = \"diffuse\"\nreflectance = \"red\"\n", ErrorCode::kBadInput, 4,
+            "neither a color"},
         Bad{"stages = [\"denoise\"]\n", ErrorCode::kUnknownName, 2, "no stages"}));
 
 TEST(Shot, ReplacesEnvironmentAndMaterials) {
   Scene s = scene();
-  settle("[environment]\nradiance = [1, 2, 3]\nrotation = 90\n"
-         "[materials.Paint]\ntype = \"diffuse\"\nreflectance = \"#ff0000\"\nemission = 2.5\nopacity = 0.25\n", s);
+  settle(
+      "[environment]\nradiance = [1, 2, 3]\nrotation = 90\n"
+      "[materials.Paint]\ntype = \"diffuse\"\nreflectance = \"#ff0000\"\nemission = 2.5\nopacity = 0.25\n",
+      s);
   ASSERT_EQ(s.environments.size(), 1u);
   EXPECT_EQ(s.environments[0].radiance.at(0), (Rgb{1, 2, 3}));
   const Vec3d turned = s.world(s.environments[0].node, 0).vector({0, 0, 1});
@@ -188,7 +192,8 @@ TEST(Shot, FingerprintChangesWithWhatChangesPixelsOnly) {
   Scene changed = scene();
   changed.content_hash = 43;
   EXPECT_NE(fingerprint(settle("", changed), changed, 1), print);
-  EXPECT_EQ(fingerprint(settle("frames = \"1-9\"\n[output]\npath = \"a.exr\"\n[video]\npath = \"b.mp4\"\n", s), s, 1), print);
+  EXPECT_EQ(fingerprint(settle("frames = \"1-9\"\n[output]\npath = \"a.exr\"\n[video]\npath = \"b.mp4\"\n", s), s, 1),
+            print);
 }
 
 TEST(Shot, SandboxHoldsForTheFileOnly) {
@@ -226,7 +231,8 @@ TEST(Materials, ReadsColors) {
   EXPECT_EQ(parse_color(" 1, 2 ,3 "), (Rgb{1, 2, 3}));
   EXPECT_EQ(parse_color("#ffffff"), Rgb(1.0f));
   EXPECT_NEAR(parse_color("#808080")->g, 0.2158605f, 1e-6f) << "sRGB";
-  for (const char* bad : {"", "a", "1,2", "1,2,3,4", "#fff", "#12345g", "1,,2", "nan", "1;2;3"}) EXPECT_FALSE(parse_color(bad)) << bad;
+  for (const char* bad : {"", "a", "1,2", "1,2,3,4", "#fff", "#12345g", "1,,2", "nan", "1;2;3"})
+    EXPECT_FALSE(parse_color(bad)) << bad;
 }
 
 }  // namespace

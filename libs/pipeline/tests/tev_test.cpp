@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tev display against small servers: one that parses every message, one that never reads, one that hangs up, none at all.
+// The tev display against small servers: one that parses every message, one that never reads, one that hangs up, none
+// at all.
 #include "tempera/pipeline/tev.h"
 
 #include <arpa/inet.h>
@@ -133,7 +134,8 @@ class Viewer {
       for (std::size_t i = 0; i < n && problem.empty(); ++i) channels.push_back(take_text());
       if (channels != p.channels) problem = "other channels than at creation";
       const int x = take<std::int32_t>(), y = take<std::int32_t>(), w = take<std::int32_t>(), h = take<std::int32_t>();
-      if (x < 0 || y < 0 || w < 1 || h < 1 || x + w > p.width || y + h > p.height) problem = "a tile outside of the image";
+      if (x < 0 || y < 0 || w < 1 || h < 1 || x + w > p.width || y + h > p.height)
+        problem = "a tile outside of the image";
       std::vector<std::int64_t> offset, stride;
       for (std::size_t i = 0; i < n; ++i) offset.push_back(take<std::int64_t>());
       for (std::size_t i = 0; i < n; ++i) stride.push_back(take<std::int64_t>());
@@ -148,7 +150,8 @@ class Viewer {
             problem = "data too short for its strides";
             return;
           }
-          p.pixels[(std::size_t(y + i / w) * std::size_t(p.width) + std::size_t(x + i % w)) * n + c] = data[std::size_t(k)];
+          p.pixels[(std::size_t(y + i / w) * std::size_t(p.width) + std::size_t(x + i % w)) * n + c] =
+              data[std::size_t(k)];
         }
       }
       ++p.updates;
@@ -197,7 +200,8 @@ TEST(Tev, ReadsAddresses) {
   EXPECT_EQ(parse_tev_address(":9000").host, "127.0.0.1");
   EXPECT_EQ(parse_tev_address("[::1]:9000").host, "::1");
   EXPECT_EQ(parse_tev_address("[::1]:9000").port, 9000);
-  for (const char* bad : {"host:", "host:x", "host:0", "host:70000", "[::1"}) EXPECT_THROW(parse_tev_address(bad), Error) << bad;
+  for (const char* bad : {"host:", "host:x", "host:0", "host:70000", "[::1"})
+    EXPECT_THROW(parse_tev_address(bad), Error) << bad;
 }
 
 TEST(Tev, ViewerGetsEveryPixelOfTheLastFrame) {

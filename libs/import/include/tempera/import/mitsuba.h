@@ -4,7 +4,7 @@
 // two dialects mean differently follows the version of the file. Differences from Mitsuba 3 on purpose: an emitted
 // <spectrum> of one value is white in files of version 0.x (Mitsuba 3 makes it pinkish in both); uoffset adds after
 // uscale, as 0.6 does; the sun of sky models has the power of Mitsuba's spectral variants, 5 to 8 % below its rgb
-// variants; textures and parameters that only steer sampling are skipped in silence.
+// variants. Parameters that only steer sampling are skipped in silence.
 #include "tempera/import/import.h"
 
 namespace tempera {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Materials by name and parameters: what shot.toml's [materials.<name>] tables replace a scene's materials with. The table
-// of types feeds the parser, `tempera list bsdfs` and the manual.
+// Materials by name and parameters: what shot.toml's [materials.<name>] tables replace a scene's materials with. The
+// table of types feeds the parser, `tempera list bsdfs` and the manual.
 #include <filesystem>
 #include <functional>
 #include <map>
@@ -26,7 +26,8 @@ class MaterialValues {
  public:
   MaterialValues(const Params& params, std::map<std::string, SourceLoc> locs, FileResolver files)
       : params_(params), locs_(std::move(locs)), files_(std::move(files)) {}
-  /// A constant ("0.5", "0.8,0.1,0.1", "#cc3300" in sRGB) or an image file. Errors: Error{kBadInput | kMissingFile} at it.
+  /// A constant ("0.5", "0.8,0.1,0.1", "#cc3300" in sRGB) or an image file. Errors: Error{kBadInput | kMissingFile} at
+  /// it.
   Slot color_slot(const std::string& name) const;
   /// The same for what is no color: the first channel of an image is taken as stored.
   Slot scalar_slot(const std::string& name) const;

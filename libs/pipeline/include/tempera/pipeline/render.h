@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Renders the frames of a shot to files: tiles in parallel, frames written in the background, finished work kept whatever
-// happens. Which frames and where is the shot's matter; who watches is an observer's.
+// Renders the frames of a shot to files: tiles in parallel, frames written in the background, finished work kept
+// whatever happens. Which frames and where is the shot's matter; who watches is an observer's.
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -23,10 +23,10 @@ struct RenderTotals {
 };
 
 struct RenderPlan {
-  std::vector<int> frames;       ///< that will be rendered, in order
-  std::size_t skipped = 0;       ///< frames that --resume found finished
-  std::size_t tiles = 0;         ///< per frame
-  int width = 0, height = 0;     ///< of the files
+  std::vector<int> frames;    ///< that will be rendered, in order
+  std::size_t skipped = 0;    ///< frames that --resume found finished
+  std::size_t tiles = 0;      ///< per frame
+  int width = 0, height = 0;  ///< of the files
   const RenderSettings* settings = nullptr;
   std::vector<LayerDesc> layers;
 };
@@ -34,7 +34,7 @@ struct RenderPlan {
 struct FrameReport {
   int frame = 0;
   std::string path;
-  double seconds = 0;            ///< wall time, of all runs together if it was continued from a checkpoint
+  double seconds = 0;  ///< wall time, of all runs together if it was continued from a checkpoint
   RenderTotals totals;
 };
 
@@ -45,8 +45,8 @@ struct RenderReport {
   RenderTotals totals;
 };
 
-/// Watches a render. Threads: tile_done is called concurrently; frame_end comes from the thread that writes files, so it
-/// can overlap the next frame's calls. Must not block for long: the renderer waits.
+/// Watches a render. Threads: tile_done is called concurrently; frame_end comes from the thread that writes files, so
+/// it can overlap the next frame's calls. Must not block for long: the renderer waits.
 class RenderObserver {
  public:
   virtual ~RenderObserver() = default;
@@ -54,7 +54,8 @@ class RenderObserver {
   /// `tiles_done`: those that a checkpoint brought; their pixels are in `picture`.
   virtual void frame_begin(int /*frame*/, const Frame& /*picture*/, std::size_t /*tiles_done*/) {}
   /// The pixels of `tile` (coordinates in `picture`) are final.
-  virtual void tile_done(int /*frame*/, const Frame& /*picture*/, const Tile& /*tile*/, const RenderTotals& /*totals*/) {}
+  virtual void tile_done(int /*frame*/, const Frame& /*picture*/, const Tile& /*tile*/,
+                         const RenderTotals& /*totals*/) {}
   /// The file is written.
   virtual void frame_end(const FrameReport& /*report*/) {}
   virtual void end(const RenderReport& /*report*/) {}
@@ -69,7 +70,8 @@ struct RenderOptions {
 
 /// Renders `shot.frames` to `shot.output`, one file each.
 /// Result:  files that depend on shot and scene alone, but for the time and the command in their metadata.
-/// Errors:  Error{kCancelled} after `stop`: the frame in progress is in "<file>.partial", from which `resume` continues.
+/// Errors:  Error{kCancelled} after `stop`: the frame in progress is in "<file>.partial", from which `resume`
+/// continues.
 ///          Error{kFailed} if files cannot be written: where that can be known, before a ray is traced.
 /// Threads: uses parallel_for, and one thread more that writes.
 RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderOptions& options,

@@ -20,7 +20,7 @@ struct CameraInfo {
 struct SceneInfo {
   std::vector<CameraInfo> cameras;
   std::vector<std::string> animations;
-  TimeSpan animation;                  ///< seconds
+  TimeSpan animation;  ///< seconds
   std::size_t nodes = 0, moving_nodes = 0;
   std::size_t meshes = 0, spheres = 0, disks = 0, cylinders = 0;
   std::size_t skinned = 0, morphed = 0, cached = 0;  ///< of the meshes
@@ -31,7 +31,7 @@ struct SceneInfo {
   std::size_t area_lights = 0, point_lights = 0, spot_lights = 0, directional_lights = 0, projectors = 0;
   std::size_t environments = 0;
   int environment_width = 0, environment_height = 0;  ///< of the largest image
-  std::uint64_t memory = 0;            ///< bytes of geometry and environment
+  std::uint64_t memory = 0;                           ///< bytes of geometry and environment
 };
 
 SceneInfo describe(const Scene& scene);

@@ -17,18 +17,18 @@
 namespace tempera {
 
 struct Shot {
-  std::filesystem::path source;      ///< shot.toml, or the scene file
+  std::filesystem::path source;  ///< shot.toml, or the scene file
   std::filesystem::path scene_file;
   RenderSettings settings;
   std::string integrator = "path";
-  Params params;                     ///< of the integrator
-  std::vector<int> frames;           ///< in rendering order, each once
-  std::string output;                ///< pattern, see frame_path; empty: the command must name one
+  Params params;            ///< of the integrator
+  std::vector<int> frames;  ///< in rendering order, each once
+  std::string output;       ///< pattern, see frame_path; empty: the command must name one
   WriteOptions write;
-  int motion_segments = 4;           ///< knots of the motion grid per frame
-  std::string video_path;            ///< movie that `tempera run` makes of the frames; empty: none
+  int motion_segments = 4;  ///< knots of the motion grid per frame
+  std::string video_path;   ///< movie that `tempera run` makes of the frames; empty: none
   VideoOptions video;
-  std::string edits;                 ///< canonical text of what was changed in the scene (environment, materials)
+  std::string edits;  ///< canonical text of what was changed in the scene (environment, materials)
 };
 
 struct LoadedShot {

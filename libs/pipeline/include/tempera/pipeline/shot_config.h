@@ -17,11 +17,11 @@ namespace tempera {
 
 /// One key with a fixed name.
 struct ShotKey {
-  ParamSpec spec;          ///< `name` is dotted: "film.resolution" is `resolution` in the table [film]
-  std::string flag;        ///< CLI11 notation, e.g. "-o,--output"; empty: only --set reaches it
-  std::string value_name{};  ///< what --help calls the value, e.g. "WxH"
+  ParamSpec spec;               ///< `name` is dotted: "film.resolution" is `resolution` in the table [film]
+  std::string flag;             ///< CLI11 notation, e.g. "-o,--output"; empty: only --set reaches it
+  std::string value_name{};     ///< what --help calls the value, e.g. "WxH"
   std::string fallback_help{};  ///< what holds when the key is absent, if that is not spec.fallback
-  bool list = false;       ///< an array is accepted in TOML; its elements are joined by ','
+  bool list = false;            ///< an array is accepted in TOML; its elements are joined by ','
 };
 /// All of them, in the order of the manual.
 std::span<const ShotKey> shot_keys();
@@ -31,7 +31,7 @@ struct OpenTable {
   std::string name;      ///< e.g. "classes"
   std::string key_name;  ///< what the manual calls its keys
   std::string help;
-  int depth = 1;         ///< 2: a table of tables, e.g. materials.<material>.<parameter>
+  int depth = 1;  ///< 2: a table of tables, e.g. materials.<material>.<parameter>
 };
 std::span<const OpenTable> shot_tables();
 
@@ -76,7 +76,8 @@ class ShotConfig {
   SourceLoc loc(const std::string& key) const;
   /// With true, input_path refuses what the file names outside of its folder.
   void set_sandbox(bool sandbox) { sandbox_ = sandbox; }
-  /// A string key that names an input file, relative to where it was written. Errors: Error{kBadInput} outside the sandbox.
+  /// A string key that names an input file, relative to where it was written. Errors: Error{kBadInput} outside the
+  /// sandbox.
   std::filesystem::path input_path(const std::string& key) const;
   std::filesystem::path input_path(const ShotValue& value) const;
   /// The file that was read; empty if none was.

@@ -26,13 +26,13 @@ struct TevAddress {
 TevAddress parse_tev_address(std::string_view text);
 
 struct TevOptions {
-  double interval = 0.1;       ///< seconds between two batches of tiles, at least
-  double flush_seconds = 2;    ///< how long the end of a render waits for the viewer to take the last tiles
-  double retry_seconds = 2;    ///< between two attempts to connect
+  double interval = 0.1;     ///< seconds between two batches of tiles, at least
+  double flush_seconds = 2;  ///< how long the end of a render waits for the viewer to take the last tiles
+  double retry_seconds = 2;  ///< between two attempts to connect
 };
 
-/// Shows the layer `color` of the frame in progress under `name`. Keeps one copy of the picture and the list of tiles that
-/// the viewer lacks: its memory does not grow with a slow viewer, and one that comes late gets the whole picture.
+/// Shows the layer `color` of the frame in progress under `name`. Keeps one copy of the picture and the list of tiles
+/// that the viewer lacks: its memory does not grow with a slow viewer, and one that comes late gets the whole picture.
 /// Threads: works on a thread of its own; observers' calls only copy.
 std::unique_ptr<RenderObserver> make_tev_display(const TevAddress& address, const std::string& name,
                                                  const TevOptions& options = {});

@@ -77,7 +77,7 @@ using Geometry = std::variant<Mesh, Sphere, Disk, Cylinder>;
 
 /// Two triangles over [-1,1]^2 in z = 0 facing +z, uv over [0,1]^2 (Mitsuba's rectangle).
 Mesh make_rectangle();
-/// Twelve triangles over [-1,1]^3, flat normals, uv per face (Mitsuba's cube).
+/// Twelve triangles over [-1,1]^3, flat normals, uv over [0,1]^2 on each face.
 Mesh make_cube();
 /// Applies an affine map to positions, normals, tangents and morph targets of a mesh; keeps front faces in front under
 /// mirroring.

@@ -89,7 +89,7 @@ struct ImageTextureParams {
   TextureFilter filter = TextureFilter::kBilinear;
   ColorEncoding encoding = ColorEncoding::kAuto;
   UvTransform transform;  ///< from surface uv to image uv
-  bool flip_v = false;    ///< image row 0 is at v = 1 (Mitsuba) instead of v = 0 (glTF)
+  bool flip_v = false;    ///< image row 0 is at v = 1 instead of v = 0
   int uv_set = 0;         ///< 0 or 1
   Channel channel = Channel::kRgb;
   bool invert = false;  ///< 1 - value
