@@ -205,7 +205,7 @@ void add_compare(Program& program) {
       ->type_name("PATTERN");
   command->add_option("--threads", flags->threads, "threads; 0: one per core [0]")
       ->type_name("N")
-      ->check(CLI::Range(0, 4096));
+      ->check(CLI::Range(0, 4096).description(""));
 }
 
 }  // namespace tempera

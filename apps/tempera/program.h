@@ -68,6 +68,10 @@ struct RenderFlags {
 /// Returns the shot; nothing is rendered with --replay.
 Shot render_shot(Program& program, const RenderFlags& flags);
 
+/// Encodes the frames that a pattern, folder or file names. Errors: those of write_video; Error{kCancelled}.
+void make_movie(const Program& program, const std::string& frames, const std::string& path,
+                const VideoOptions& options);
+
 /// "1-24,30 (25 frames)".
 std::string describe_frames(const std::vector<int>& frames);
 

@@ -61,7 +61,7 @@ void RenderFlags::add_to(CLI::App& command) {
       .add_option("--checkpoint-minutes", checkpoint_minutes,
                   "minutes between checkpoints of a frame; 0: only when stopped [10]")
       ->type_name("N")
-      ->check(CLI::NonNegativeNumber);
+      ->check(CLI::Range(0.0, 1e9).description(""));
   command.add_option("--tev", tev, "show tiles in the image viewer tev as they finish")
       ->type_name("HOST[:PORT]")
       ->expected(1);
@@ -108,7 +108,8 @@ Shot render_shot(Program& program, const RenderFlags& flags) {
     options.checkpoint_seconds = 60 * flags.checkpoint_minutes;
     options.command = program.command_line();
     const RenderReport report = render_sequence(shot, loaded.scene, options, observers, program.stop);
-    log_info(fmt::format("{} frames rendered, {} found finished, in {:.1f} s", report.frames.size(),
+    const std::size_t done = report.frames.size();
+    log_info(fmt::format("{} {} rendered, {} found finished, in {:.1f} s", done, done == 1 ? "frame" : "frames",
                          report.skipped.size(), report.seconds));
   });
   return shot;

@@ -75,7 +75,7 @@ void ShotFlags::add_to(CLI::App& command) {
       ->group("Shot");
   command.add_option("--threads", threads_, "threads; 0: one per core; results do not depend on it [0]")
       ->type_name("N")
-      ->check(CLI::Range(0, 4096));
+      ->check(CLI::Range(0, 4096).description(""));
   command.add_option("--memory-limit", memory_limit_, "refuse to take more memory, e.g. 8G")->type_name("SIZE");
   command.add_flag("--strict", strict_, "what a scene file asks for and we lack is an error instead of a warning");
   command.add_flag("--sandbox", sandbox_, "refuse to read files outside of the scene's folder");

@@ -82,6 +82,17 @@ class Process {
     return false;
   }
   std::string err_so_far() const { return text_of(err_); }
+  /// Processor time that the program has used so far, in seconds; 0 if it has ended.
+  double cpu_seconds() const {
+    // Fields 14 and 15 (user and system time, in ticks), counted after the name in parentheses [proc(5)].
+    const std::string stat = text_of("/proc/" + std::to_string(pid_) + "/stat");
+    std::istringstream fields(stat.substr(std::min(stat.size(), stat.rfind(')') + 2)));
+    std::string skipped;
+    for (int i = 3; i < 14; ++i) fields >> skipped;
+    double user = 0, system = 0;
+    fields >> user >> system;
+    return (user + system) / double(sysconf(_SC_CLK_TCK));
+  }
   Outcome finish() {
     int status = 0;
     waitpid(pid_, &status, 0);

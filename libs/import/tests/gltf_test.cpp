@@ -67,7 +67,7 @@ class Buffer {
   std::vector<std::string> views_, accessors_;
 };
 
-std::string asset(const std::string& rest) { return R"({"asset":{"version":"2.0"},)" + rest + "}"; }
+std::string asset(const std::string& rest) { return fmt::format(R"({{"asset":{{"version":"2.0"}},{}}})", rest); }
 
 /// One triangle at node 0 with the given material and attributes beyond POSITION.
 std::string triangle(Buffer& buffer, const std::string& attributes, const std::string& rest,
@@ -725,14 +725,16 @@ TEST_F(Gltf, AlphaModes) {
     const Material& m = *scene.shapes[0].material;
     return m.has_opacity() ? m.opacity(point) : -1.0f;
   };
-  const std::string textured =
-      R"("pbrMetallicRoughness":{"baseColorFactor":[1,1,1,0.5],"baseColorTexture":{"index":0}})";
-  EXPECT_EQ(opacity("{" + textured + "}", 1), -1);
-  EXPECT_NEAR(opacity(R"({"alphaMode":"BLEND",)" + textured + "}", 1), 0.5 * 128 / 255, 1e-5);
-  EXPECT_NEAR(opacity(R"({"alphaMode":"BLEND",)" + textured + "}", 0.5f), 0.25 * 128 / 255, 1e-5);
-  EXPECT_EQ(opacity(R"({"alphaMode":"MASK",)" + textured + "}", 1), 0);
-  EXPECT_EQ(opacity(R"({"alphaMode":"MASK","alphaCutoff":0.25,)" + textured + "}", 1), 1);
-  EXPECT_EQ(opacity(R"({"alphaMode":"MASK","alphaCutoff":0.25,)" + textured + "}", 0.9f), 0);
+  const auto material = [](const std::string& mode) {
+    return fmt::format(
+        R"({{{}"pbrMetallicRoughness":{{"baseColorFactor":[1,1,1,0.5],"baseColorTexture":{{"index":0}}}}}})", mode);
+  };
+  EXPECT_EQ(opacity(material(""), 1), -1);
+  EXPECT_NEAR(opacity(material(R"("alphaMode":"BLEND",)"), 1), 0.5 * 128 / 255, 1e-5);
+  EXPECT_NEAR(opacity(material(R"("alphaMode":"BLEND",)"), 0.5f), 0.25 * 128 / 255, 1e-5);
+  EXPECT_EQ(opacity(material(R"("alphaMode":"MASK",)"), 1), 0);
+  EXPECT_EQ(opacity(material(R"("alphaMode":"MASK","alphaCutoff":0.25,)"), 1), 1);
+  EXPECT_EQ(opacity(material(R"("alphaMode":"MASK","alphaCutoff":0.25,)"), 0.9f), 0);
 }
 
 TEST_F(Gltf, EmissionUnlitAndVolume) {

@@ -423,7 +423,12 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   }
 
   // Which layers an integrator can write is its own knowledge; ask it before a ray is traced.
-  find_integrator(shot.integrator).make(shot.params)->outputs(s);
+  try {
+    find_integrator(shot.integrator).make(shot.params)->outputs(s);
+  } catch (const Error& e) {
+    if (!e.loc().file.empty()) throw;
+    throw Error(e.code(), config.loc("output.layers"), e.message());
+  }
   return shot;
 }
 

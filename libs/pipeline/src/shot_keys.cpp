@@ -43,7 +43,7 @@ const std::vector<ShotKey>& keys() {
       {{"sampling.seed_per_frame", true, "false: every frame has the same noise pattern"}, "", ""},
       {{"sampling.sampler", "sobol", "random numbers", -kMany, kMany, {"sobol", "independent"}}, "--sampler", "NAME"},
 
-      {{"integrator.name", "path", "integrator; its parameters stand beside this key"}, "--integrator", "NAME", "the scene's, else path"},
+      {{"integrator.name", "path", "integrator; its parameters are the other keys of this table, or --param"}, "--integrator", "NAME", "the scene's, else path"},
 
       {{"output.path", "", "frame files, relative to the current directory; #### stands for the frame number"}, "-o,--output", "PATTERN"},
       {{"output.layers", "color", "layers to write beside color; `tempera list layers` names them"}, "--layers", "A,B,C", "", true},

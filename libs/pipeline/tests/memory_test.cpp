@@ -33,7 +33,9 @@ Scene scene_of(int triangles) {
   Mesh mesh;
   mesh.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
   for (int i = 0; i < triangles; ++i) mesh.indices.insert(mesh.indices.end(), {0u, 1u, 2u});
-  scene.shapes.push_back({std::move(mesh), nullptr, std::nullopt, "", ""});
+  Shape shape;
+  shape.geometry = std::move(mesh);
+  scene.shapes.push_back(std::move(shape));
   scene.groups = {{0}};
   scene.instances.push_back({});
   return scene;

@@ -256,6 +256,29 @@ TEST_F(RenderSequence, ReplaysOneSample) {
   EXPECT_EQ(code_of([&] { replay_sample(shot_, scene_, {1, 80, 35, 0}); }), ErrorCode::kUsage);
 }
 
+TEST_F(RenderSequence, BadSamplesAreLeftOutCountedAndNamed) {
+  scene_.environments[0].radiance = Rgb(3e38f);  // sums of two lights overflow
+  scene_.environments.push_back(scene_.environments[0]);
+  shot_.frames = {1};
+  set_log_level(LogLevel::kInfo);
+  std::string log;
+  set_log_writer([&](std::string_view line) { log += line; });
+  const RenderReport report = render();
+  set_log_writer({});
+  ASSERT_GT(report.totals.bad_samples, 0u);
+  ASSERT_FALSE(report.totals.first_bad.empty());
+  EXPECT_LE(report.totals.first_bad.size(), 16u);
+  const BadSample b = report.totals.first_bad[0];
+  EXPECT_NE(log.find("tempera render shot --replay 1," + std::to_string(b.x) + "," + std::to_string(b.y) + ","),
+            std::string::npos)
+      << log;
+  EXPECT_FALSE(is_finite(replay_sample(shot_, scene_, b))) << "the log names a sample that is bad";
+  const Frame frame = read_frame(file(1));
+  for (const Layer& l : frame.layers()) {
+    for (const float v : l.image.values()) ASSERT_TRUE(std::isfinite(v)) << l.desc.name;
+  }
+}
+
 TEST_F(RenderSequence, CropIsAWindowOnTheSamePicture) {
   const Frame whole = render_frame(shot_, scene_, 1);
   shot_.settings.crop_x = 13, shot_.settings.crop_y = 9, shot_.settings.crop_width = 41,

@@ -145,6 +145,7 @@ INSTANTIATE_TEST_SUITE_P(
         Bad{"[integrator]\nmax_dept = 3\n", ErrorCode::kUnknownName, 3, "max_depth"},
         Bad{"[integrator]\nmax_depth = 2.5\n", ErrorCode::kBadInput, 3, "integer"},
         Bad{"[output]\nlayers = [\"albdo\"]\n", ErrorCode::kUnknownName, 3, "albedo"},
+        Bad{"[output]\nlayers = [\"grad.x\"]\n", ErrorCode::kUnknownName, 3, "cannot write"},
         Bad{"[classes]\ndd = \"ED(\"\n", ErrorCode::kSyntax, 3, ""},
         Bad{"[classes]\nresidual = \"ED\"\n", ErrorCode::kBadInput, 3, "residual"},
         Bad{"[classes]\na = \"ED\"\n[decompose]\nb = \"ER\"\n", ErrorCode::kBadInput, 5, "together"},
