@@ -4,174 +4,252 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <nlohmann/json.hpp>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <set>
 
+#include "metric_entry.h"
+#include "tempera/core/parallel.h"
 #include "tempera/frames/frame.h"
 
 namespace tempera {
 namespace {
 
-Image scaled(const Image& image, float scale) {
-  Image out = image;
-  for (float& v : out.values()) v *= scale;
+/// One run of one side, and what has been measured of it.
+struct Run {
+  std::size_t side = 0, index = 0;  ///< index: within its side
+  const FrameSequence* sequence = nullptr;
+  std::vector<std::vector<Measured>> values;  ///< [metric][frame of the side]
+  Image image;                                ///< of the current frame
+};
+
+std::vector<const MetricEntry*> chosen_metrics(const CompareOptions& options) {
+  const auto asked = [&](std::string_view id) {
+    return std::find(options.metrics.begin(), options.metrics.end(), id) != options.metrics.end();
+  };
+  const bool all = asked("all"), defaults = asked("default") || options.metrics.empty();
+  for (const std::string& id : options.metrics) {
+    if (id != "all" && id != "default") get_metric(id);
+  }
+  std::vector<const MetricEntry*> out;
+  for (const MetricEntry& e : metric_entries()) {
+    if (all || (defaults && e.info.is_default) || asked(e.info.id)) out.push_back(&e);
+  }
   return out;
 }
 
-FrameFigures mean_of(const std::vector<FrameFigures>& frames) {
-  FrameFigures mean;
-  mean.frame = int(frames.size());
-  if (frames.empty()) return mean;
-  double flip = 0, hdr = 0;
-  for (const FrameFigures& f : frames) {
-    mean.mse += f.mse;
-    mean.relative_mse += f.relative_mse;
-    flip += f.flip;
-    hdr += f.hdr_flip;
-    mean.non_finite += f.non_finite;
+/// The series of a metric from the values of each run of a side.
+MetricSeries series_of(const MetricInfo& metric, const std::vector<const std::vector<Measured>*>& runs) {
+  MetricSeries s;
+  s.metric = &metric;
+  const std::size_t frames = runs[0]->size();
+  bool partial = false;
+  std::vector<double> over_runs(runs.size());
+  for (std::size_t f = 0; f < frames; ++f) {
+    double coverage = 0;
+    for (std::size_t r = 0; r < runs.size(); ++r) {
+      over_runs[r] = (*runs[r])[f].value;
+      coverage += (*runs[r])[f].coverage / double(runs.size());
+    }
+    s.values.push_back(mean_error(over_runs).mean);
+    s.coverage.push_back(coverage);
+    partial |= coverage < 1;
   }
-  const double n = double(frames.size());
-  mean.mse /= n, mean.relative_mse /= n;
-  // All frames have these figures or none.
-  mean.flip = flip / n, mean.hdr_flip = hdr / n;
-  return mean;
-}
-
-nlohmann::ordered_json json_of(const FrameFigures& f) {
-  nlohmann::ordered_json j{{"mse", f.mse}, {"relative_mse", f.relative_mse}};
-  if (f.flip >= 0) j["flip"] = f.flip;
-  if (f.hdr_flip >= 0) j["hdr_flip"] = f.hdr_flip;
-  j["non_finite"] = f.non_finite;
-  return j;
-}
-
-/// A CSV field: quoted when it holds what separates fields.
-std::string field(const std::string& text) {
-  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
-  std::string out = "\"";
-  for (const char c : text) out += c == '"' ? std::string("\"\"") : std::string(1, c);
-  return out + "\"";
-}
-
-std::string csv_of(const FrameFigures& f) {
-  const auto optional = [](double v) { return v >= 0 ? fmt::format("{}", v) : std::string(); };
-  return fmt::format("{},{},{},{},{}\n", f.mse, f.relative_mse, optional(f.flip), optional(f.hdr_flip), f.non_finite);
-}
-}  // namespace
-
-FrameFigures compare_images(const Image& test, const Image& reference, const CompareOptions& options) {
-  FrameFigures f;
-  f.mse = mse(test, reference);
-  f.relative_mse = relative_mse(test, reference, nullptr, options.epsilon);
-  f.non_finite = count_non_finite(test);
-  if (options.flip) {
-    const float scale = std::exp2(options.exposure);
-    f.flip = scale == 1 ? flip(test, reference, nullptr, options.pixels_per_degree)
-                        : flip(scaled(test, scale), scaled(reference, scale), nullptr, options.pixels_per_degree);
+  if (!partial) s.coverage.clear();
+  s.mean = mean_error(s.values);
+  if (runs.size() > 1) {
+    for (std::size_t r = 0; r < runs.size(); ++r) {
+      std::vector<double> values;
+      for (const Measured& m : *runs[r]) values.push_back(m.value);
+      over_runs[r] = mean_error(values).mean;
+    }
+    s.mean = mean_error(over_runs);
   }
-  if (options.hdr_flip) f.hdr_flip = hdr_flip(test, reference, nullptr, options.pixels_per_degree);
-  return f;
+  return s;
 }
 
-CompareResult compare_sequences(const std::vector<FrameSequence>& tests, const FrameSequence& reference,
-                                const CompareOptions& options, const CompareProgress& progress) {
-  CompareResult result{reference.pattern(), options.layer, {}};
+/// Which frames each side is compared in.
+CompareSide plan_side(const CompareInput& input, const FrameSequence& reference, const CompareOptions& options) {
+  CompareSide side;
+  side.name = input.name;
+  for (const FrameSequence& r : input.runs) side.runs.push_back(r.pattern());
   const bool still = reference.frames().size() == 1;
-  const auto reference_frame = [&](int frame) { return still ? reference.frames()[0] : frame; };
-  int total = 0, done = 0;
-  std::vector<std::vector<int>> work;
-  for (const FrameSequence& test : tests) {
-    CompareSide side{test.pattern(), {}, {}, {}};
-    std::vector<int> frames;
-    for (const int f : test.frames()) {
-      if (!options.frames.empty() && std::find(options.frames.begin(), options.frames.end(), f) == options.frames.end())
-        continue;
-      if (reference.has(reference_frame(f))) {
-        frames.push_back(f);
-      } else {
-        side.unmatched.push_back(f);
+  const auto wanted = [&](int f) {
+    return options.frames.empty() || std::find(options.frames.begin(), options.frames.end(), f) != options.frames.end();
+  };
+  const auto in_all_runs = [&](int f) {
+    return std::all_of(input.runs.begin(), input.runs.end(), [&](const FrameSequence& r) { return r.has(f); });
+  };
+  for (const int f : input.runs.at(0).frames()) {
+    if (!wanted(f) || !in_all_runs(f)) continue;
+    (still || reference.has(f) ? side.frames : side.unmatched).push_back(f);
+  }
+  if (side.frames.empty()) {
+    throw Error(ErrorCode::kBadInput,
+                fmt::format("{} and the reference {} have no frame to compare", input.name, reference.pattern()));
+  }
+  if (!still) {
+    for (const int f : reference.frames()) {
+      if (wanted(f) && f > side.frames.front() && f < side.frames.back() &&
+          !std::binary_search(side.frames.begin(), side.frames.end(), f)) {
+        side.missing.push_back(f);
       }
     }
-    if (frames.empty()) {
-      throw Error(ErrorCode::kBadInput,
-                  fmt::format("{} and the reference {} have no frame to compare", test.pattern(), reference.pattern()));
+  }
+  return side;
+}
+
+/// The parts of `names` between the folders that all of them begin and end with: "path" and "mlt" of "out/path/f.exr"
+/// and "out/mlt/f.exr".
+std::vector<std::string> labels_of(const std::vector<std::string>& names) {
+  std::vector<std::vector<std::string>> parts;
+  for (const std::string& name : names) {
+    auto& p = parts.emplace_back();
+    for (const std::filesystem::path& folder : std::filesystem::path(name)) p.push_back(folder.string());
+  }
+  const auto all_have = [&](auto&& part) {
+    return std::all_of(parts.begin(), parts.end(),
+                       [&](const auto& p) { return p.size() > 1 && part(p) == part(parts[0]); });
+  };
+  while (all_have([](const auto& p) { return p.front(); })) {
+    for (auto& p : parts) p.erase(p.begin());
+  }
+  while (all_have([](const auto& p) { return p.back(); })) {
+    for (auto& p : parts) p.pop_back();
+  }
+  std::vector<std::string> out;
+  for (const auto& p : parts) out.push_back(fmt::format("{}", fmt::join(p, "/")));
+  return out;
+}
+
+Image load_layer(const std::string& path, const std::string& layer) {
+  ReadOptions read;
+  read.layers = {layer};
+  Frame f = read_frame(path, read);
+  return std::move(f.layer(layer));
+}
+
+}  // namespace
+
+void CompareObserver::reference(int, const Image&, const Image*, const Image*) {}
+void CompareObserver::test(std::size_t, int, const Image&, const std::function<const Image*(std::string_view)>&) {}
+
+const MetricSeries* CompareSide::find(std::string_view id) const {
+  for (const MetricSeries& s : series) {
+    if (s.metric->id == id) return &s;
+  }
+  return nullptr;
+}
+
+CompareInput parse_compare_input(const std::string& text) {
+  CompareInput input;
+  input.name = text;
+  std::string pattern = text;
+  const auto equals = text.find('=');
+  if (equals != std::string::npos && equals > 0 && text.find('/') > equals && !std::filesystem::exists(text)) {
+    input.name = text.substr(0, equals);
+    pattern = text.substr(equals + 1);
+  }
+  input.runs.emplace_back(pattern);
+  return input;
+}
+
+CompareResult compare_sequences(const std::vector<CompareInput>& tests, const FrameSequence& reference,
+                                const CompareOptions& options, const CompareProgress& progress,
+                                CompareObserver* observer) {
+  CompareResult result;
+  result.reference = reference.pattern();
+  result.options = options;
+  const std::vector<const MetricEntry*> metrics = chosen_metrics(options);
+  for (const MetricEntry* m : metrics) result.metrics.push_back(find_metric(m->info.id));
+  std::vector<std::string> maps;
+  if (observer) maps = observer->maps();
+
+  std::vector<Run> runs;
+  std::set<int> all_frames;
+  int total = 0, done = 0;
+  for (const CompareInput& input : tests) {
+    CompareSide side = plan_side(input, reference, options);
+    side.non_finite.assign(side.frames.size(), 0);
+    all_frames.insert(side.frames.begin(), side.frames.end());
+    for (std::size_t r = 0; r < input.runs.size(); ++r) {
+      runs.push_back({result.sides.size(), r, &input.runs[r], {}, {}});
+      runs.back().values.assign(metrics.size(), std::vector<Measured>(side.frames.size()));
+      total += int(side.frames.size());
     }
-    total += int(frames.size());
-    work.push_back(std::move(frames));
     result.sides.push_back(std::move(side));
   }
 
-  ReadOptions read;
-  read.layers = {options.layer};
-  const auto load = [&](const std::string& path) {
-    Frame f = read_frame(path, read);
-    return std::move(f.layer(options.layer));
-  };
+  std::vector<std::string> names;
+  for (const CompareSide& s : result.sides) names.push_back(s.name);
+  const std::vector<std::string> labels = labels_of(names);
+  for (std::size_t s = 0; s < labels.size(); ++s) result.sides[s].label = labels[s];
+
+  const bool still = reference.frames().size() == 1;
   Image expected;
   std::string expected_path;
-  for (std::size_t i = 0; i < tests.size(); ++i) {
-    for (const int frame : work[i]) {
-      const std::string test_path = tests[i].path(frame), path = reference.path(reference_frame(frame));
-      if (path != expected_path) expected = load(path), expected_path = path;
-      const Image image = load(test_path);
-      if (image.width() != expected.width() || image.height() != expected.height()) {
-        throw Error(ErrorCode::kBadInput,
-                    fmt::format("{} has {}x{} pixels, the reference {} has {}x{}", test_path, image.width(),
-                                image.height(), path, expected.width(), expected.height()));
+  for (const int frame : all_frames) {
+    const std::string path = reference.path(still ? reference.frames()[0] : frame);
+    std::vector<Run*> now;
+    for (Run& r : runs) {
+      const std::vector<int>& frames = result.sides[r.side].frames;
+      if (std::binary_search(frames.begin(), frames.end(), frame)) now.push_back(&r);
+    }
+    parallel_for(-1, std::int64_t(now.size()), [&](std::int64_t i) {
+      if (i >= 0) {
+        Run& r = *now[std::size_t(i)];
+        r.image = load_layer(r.sequence->path(frame), options.layer);
+      } else if (path != expected_path) {
+        expected = load_layer(path, options.layer);
       }
-      FrameFigures f = compare_images(image, expected, options);
-      f.frame = frame;
-      result.sides[i].frames.push_back(f);
+    });
+    expected_path = path;
+    result.width = expected.width(), result.height = expected.height();
+    if (observer) observer->reference(frame, expected, nullptr, nullptr);
+    for (Run* r : now) {
+      CompareSide& side = result.sides[r->side];
+      const auto at =
+          std::size_t(std::lower_bound(side.frames.begin(), side.frames.end(), frame) - side.frames.begin());
+      if (r->image.width() != expected.width() || r->image.height() != expected.height()) {
+        throw Error(ErrorCode::kBadInput,
+                    fmt::format("{} has {}x{} pixels, the reference {} has {}x{}", r->sequence->path(frame),
+                                r->image.width(), r->image.height(), path, expected.width(), expected.height()));
+      }
+      const Pair pair{r->image, expected, options};
+      std::map<std::string, Image, std::less<>> drawn;
+      const bool observed = observer && r->index == 0;
+      for (std::size_t m = 0; m < metrics.size(); ++m) {
+        const std::string id(metrics[m]->info.id);
+        const bool wanted = observed && std::find(maps.begin(), maps.end(), id) != maps.end();
+        r->values[m][at] = metrics[m]->measure(pair, wanted ? &drawn[id] : nullptr);
+      }
+      if (observed) {
+        for (const std::string& id : maps) {  // those that are not measured
+          for (const MetricEntry& e : metric_entries()) {
+            if (e.info.id == id && !drawn.contains(id)) e.measure(pair, &drawn[id]);
+          }
+        }
+        observer->test(r->side, frame, r->image, [&](std::string_view id) -> const Image* {
+          const auto found = drawn.find(id);
+          return found == drawn.end() || found->second.empty() ? nullptr : &found->second;
+        });
+      }
+      side.non_finite[at] += count_non_finite(r->image);
       if (progress) progress(++done, total);
     }
-    result.sides[i].mean = mean_of(result.sides[i].frames);
+  }
+
+  for (std::size_t s = 0; s < result.sides.size(); ++s) {
+    for (std::size_t m = 0; m < metrics.size(); ++m) {
+      std::vector<const std::vector<Measured>*> values;
+      for (const Run& r : runs) {
+        if (r.side == s) values.push_back(&r.values[m]);
+      }
+      result.sides[s].series.push_back(series_of(*result.metrics[m], values));
+    }
   }
   return result;
-}
-
-std::string to_json(const CompareResult& result) {
-  nlohmann::ordered_json j{
-      {"layer", result.layer}, {"reference", result.reference}, {"sides", nlohmann::ordered_json::array()}};
-  for (const CompareSide& s : result.sides) {
-    nlohmann::ordered_json side{{"name", s.name},
-                                {"mean", json_of(s.mean)},
-                                {"frames", nlohmann::ordered_json::array()},
-                                {"unmatched", s.unmatched}};
-    for (const FrameFigures& f : s.frames) {
-      nlohmann::ordered_json line{{"frame", f.frame}};
-      line.update(json_of(f));
-      side["frames"].push_back(std::move(line));
-    }
-    j["sides"].push_back(std::move(side));
-  }
-  return j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
-}
-
-std::string to_csv(const CompareResult& result) {
-  std::string text = "name,frame,mse,relative_mse,flip,hdr_flip,non_finite\n";
-  for (const CompareSide& s : result.sides) {
-    for (const FrameFigures& f : s.frames) text += fmt::format("{},{},{}", field(s.name), f.frame, csv_of(f));
-    text += fmt::format("{},mean,{}", field(s.name), csv_of(s.mean));
-  }
-  return text;
-}
-
-std::string to_table(const CompareResult& result) {
-  std::size_t width = 4;
-  for (const CompareSide& s : result.sides) width = std::max(width, s.name.size());
-  const bool several = result.sides.size() > 1;
-  std::string text = fmt::format("{:{}}  {:>6}  {:>11}  {:>11}  {:>8}  {:>8}  {:>10}", "", width, "frames", "MSE",
-                                 "relMSE", "FLIP", "HDR-FLIP", "non-finite");
-  text += several ? "  relMSE to first\n" : "\n";
-  const auto optional = [](double v) { return v >= 0 ? fmt::format("{:.5f}", v) : std::string("-"); };
-  for (const CompareSide& s : result.sides) {
-    const FrameFigures& m = s.mean;
-    text += fmt::format("{:{}}  {:>6}  {:>11.5g}  {:>11.5g}  {:>8}  {:>8}  {:>10}", s.name, width, m.frame, m.mse,
-                        m.relative_mse, optional(m.flip), optional(m.hdr_flip), m.non_finite);
-    const double first = result.sides[0].mean.relative_mse;
-    if (several) text += first > 0 ? fmt::format("  {:.3f}x", m.relative_mse / first) : "  -";
-    text += "\n";
-  }
-  return text;
 }
 
 }  // namespace tempera
