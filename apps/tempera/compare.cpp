@@ -200,14 +200,16 @@ void compare(const Flags& flags, const std::stop_token& stop) {
     if (terminal) std::fprintf(stderr, "\r\033[Kframe %d of %d", done, total);
     if (stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped; nothing was written");
   };
+  std::optional<FrameSequence> reference;
+  if (!flags.reference.empty()) reference.emplace(flags.reference);
   std::optional<ReportWriter> report;
   if (!flags.html.empty()) {
-    report.emplace(flags.html, options,
+    report.emplace(flags.html, tests, reference ? &*reference : nullptr, options,
                    ReportOptions{.title = flags.title,
                                  .display = {.exposure = options.exposure, .tone_map = parse_tone_map(flags.tone_map)},
                                  .scale = flags.html_scale / 100});
   }
-  if (flags.reference.empty()) {
+  if (!reference) {
     if (!report || !limits.empty() || !flags.csv.empty() || !flags.json.empty() || !flags.error_map.empty()) {
       throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
                   "--reference is missing: without it, sequences can only be shown side by side, with --html");
@@ -217,7 +219,6 @@ void compare(const Flags& flags, const std::stop_token& stop) {
     finish_report(*report, shown, flags.html);
     return;
   }
-  const FrameSequence reference(flags.reference);
   Observers observers;
   std::optional<ErrorMaps> maps;
   if (!flags.error_map.empty()) {
@@ -226,7 +227,7 @@ void compare(const Flags& flags, const std::stop_token& stop) {
     observers.add(*maps);
   }
   if (report) observers.add(*report);
-  const CompareResult result = compare_sequences(tests, reference, options, progress, &observers);
+  const CompareResult result = compare_sequences(tests, *reference, options, progress, &observers);
   if (terminal) std::fprintf(stderr, "\r\033[K");
   std::printf("%s", to_table(result).c_str());
   if (report) finish_report(*report, result, flags.html);

@@ -16,7 +16,7 @@ const KEYS = [
   ["[ ] \\", "exposure down, up, back"],
   ["T", "next tone curve"],
   ["+ − Z O", "zoom in, out, fit, one to one"],
-  ["W A D Q", "move the picture: up, left, right, down"],
+  ["Shift + arrows", "move the picture"],
   ["M", "follow the chosen pixel along motion vectors"],
   ["P", "show or hide the figures"],
   ["L", "copy the address of what is shown"],
@@ -70,7 +70,9 @@ class App {
     this.connect();
     this.set(this.parse(location.hash), { force: true });
     window.addEventListener("hashchange", () => {
-      if (location.hash !== this.address()) this.set({ ...this.defaults, ...this.parse(location.hash) });
+      if (location.hash === this.address()) return;
+      this.ranges.clear();
+      this.set({ ...this.defaults, ...this.parse(location.hash) });
     });
     this.prefetchSoon();
   }
@@ -135,8 +137,10 @@ class App {
     this.state = { ...before, ...changes };
     const changed = (...keys) => force || keys.some((k) => String(before[k]) !== String(this.state[k]));
     if (changed("exposure", "tone", "base", "compensate")) this.updateLook();
-    if (changed("pixel", "track", "axis", "length") || (this.state.track && changed("origin"))) this.panel.updatePixel();
-    else if (changed("exposure", "tone", "channel")) this.panel.showPixel();
+    if (changed("pixel", "track", "axis", "length") || (this.state.track && changed("origin"))) {
+      this.panel.updatePixel().catch((error) => this.fail(error));
+    }
+    if (changed("exposure", "tone", "channel")) this.panel.showPixel();
     if (changed("metric", "log")) this.panel.showMetric();
     if (changed("frame")) this.panel.moveCursor();
     if (changed("panel")) document.body.classList.toggle("no-panel", !this.state.panel);
@@ -352,12 +356,16 @@ class App {
     const scrubber = document.getElementById("scrubber");
     scrubber.max = data.frames.length - 1;
     scrubber.addEventListener("input", () => {
+      const index = Number(scrubber.value);  // before the controls are brought in line with the state
       this.play(false);
-      this.goTo(Number(scrubber.value));
+      this.goTo(index);
     });
     document.getElementById("fps").value = Number(data.fps.toFixed(3));
     document.getElementById("transport").hidden = data.frames.length < 2;
     document.addEventListener("keydown", (event) => this.key(event));
+    // After the mouse has used a control, the keys belong to the pictures again.
+    document.addEventListener("click", (event) => event.detail > 0 && event.target.closest("button, summary, input[type=checkbox]")?.blur());
+    document.addEventListener("change", (event) => event.target.matches("select, input[type=range]") && event.target.blur());
     const dialog = document.getElementById("help");
     const table = element("table");
     for (const [keys, text] of KEYS) {
@@ -461,8 +469,10 @@ class App {
     };
     const actions = {
       " ": () => this.play(!this.playing),
-      ArrowLeft: () => this.goTo(this.index - 1),
-      ArrowRight: () => this.goTo(this.index + 1),
+      ArrowLeft: () => (event.shiftKey ? pan(-1, 0) : this.goTo(this.index - 1)),
+      ArrowRight: () => (event.shiftKey ? pan(1, 0) : this.goTo(this.index + 1)),
+      ArrowUp: () => event.shiftKey && pan(0, -1),
+      ArrowDown: () => event.shiftKey && pan(0, 1),
       Home: () => this.goTo(0),
       End: () => this.goTo(data.frames.length - 1),
       s: () => this.set({ mode: "split" }),
@@ -485,20 +495,18 @@ class App {
       "-": () => this.viewer.zoomBy(0.8),
       z: () => this.set({ zoom: 0 }),
       o: () => this.set({ zoom: 1, center: this.viewer.center() }),
-      w: () => pan(0, -1),
-      a: () => pan(-1, 0),
-      d: () => pan(1, 0),
-      q: () => pan(0, 1),
       m: () => (data.motion.forward.length || data.motion.backward.length) && this.set({ track: !state.track }),
       p: () => this.set({ panel: !state.panel }),
       l: () => this.copyLink(),
       "?": () => this.help(),
     };
-    const action = actions[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, action = actions[key];
+    const control = event.target.closest?.("button, summary, input");
+    // A control that was reached by keyboard keeps the keys that it knows; the scrubber's do what ours do.
+    if (control && (key === " " || (control.type === "range" && control.id !== "scrubber" && /^Arrow|Home|End/.test(key)))) return;
     if (!action) return;
-    if (event.key !== "f") this.blinking && event.key !== "b" && this.blink(false);
-    if (event.key.startsWith("Arrow") && event.target.matches?.("input[type=range]") && event.target.id !== "scrubber") return;
     event.preventDefault();
+    if (this.blinking && key !== "b") this.blink(false);
     action();
   }
 
@@ -554,4 +562,9 @@ window.temperaReport = {
   },
 };
 
-app.start();
+if (window.DecompressionStream) {
+  app.start();
+} else {
+  document.getElementById("loading").textContent =
+    "This browser cannot unpack the pictures. Chromium 103, Firefox 113, Safari 16.4 and later ones can.";
+}

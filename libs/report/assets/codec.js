@@ -66,12 +66,19 @@ function valueTable(steps, toe) {
 
 /** An image as codes, one channel after another, and the table of their values. */
 class Picture {
-  constructor(width, height, channels, codes, table) {
+  constructor(width, height, channels, codes, steps, toe) {
     this.width = width;
     this.height = height;
     this.channels = channels;
     this.codes = codes;
-    this.table = table;
+    this.table = valueTable(steps, toe);
+    this.toe = toe;
+    this.relativeError = 2 ** (0.5 / steps) - 1;
+  }
+
+  /** How far a value can be from the one that was stored: half a step of the code. */
+  tolerance(value) {
+    return this.relativeError * (Math.abs(value) + this.toe);
   }
 
   get bytes() {
@@ -129,5 +136,5 @@ async function decodeBlock(element, width, height) {
       b[i] += g[i];
     }
   }
-  return new Picture(width, height, planes, codes, valueTable(Number(steps), Number(toe)));
+  return new Picture(width, height, planes, codes, Number(steps), Number(toe));
 }

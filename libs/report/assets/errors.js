@@ -20,7 +20,7 @@ const FORMULA_MAPS = [
     of: (c) => eachPixel(c.test, (i) => {
       let sum = 0;
       for (let k = 0; k < 3; ++k) {
-        const b = c.base.value(k, i), d = c.test.value(k, i) - b;
+        const b = c.base.value(k, i), d = difference(c.test, c.test.value(k, i), c.base, b);
         sum += (d * d) / (b * b + c.epsilon);
       }
       return sum / 3;
@@ -34,7 +34,7 @@ const FORMULA_MAPS = [
     range: { low: 1e-5, high: 1, scale: "log" },
     of: (c) => eachPixel(c.test, (i) => {
       let sum = 0;
-      for (let k = 0; k < 3; ++k) sum += (c.test.value(k, i) - c.base.value(k, i)) ** 2;
+      for (let k = 0; k < 3; ++k) sum += difference(c.test, c.test.value(k, i), c.base, c.base.value(k, i)) ** 2;
       return sum / 3;
     }),
   },
@@ -48,7 +48,7 @@ const FORMULA_MAPS = [
       const floor = Math.sqrt(c.epsilon);
       return eachPixel(c.test, (i) => {
         const b = luminanceAt(c.base, i);
-        return (luminanceAt(c.test, i) - b) / (Math.abs(b) + floor);
+        return difference(c.test, luminanceAt(c.test, i), c.base, b) / (Math.abs(b) + floor);
       });
     },
   },
@@ -67,7 +67,8 @@ const FORMULA_MAPS = [
         let sum = 0;
         for (let k = 0; k < 3; ++k) {
           const b = c.base.value(k, i);
-          const d = c.test.value(k, i) - c.testBefore.value(k, j) - (b - c.baseBefore.value(k, j));
+          const d = difference(c.test, c.test.value(k, i), c.testBefore, c.testBefore.value(k, j)) -
+            difference(c.base, b, c.baseBefore, c.baseBefore.value(k, j));
           sum += (d * d) / (b * b + c.epsilon);
         }
         return sum / 3;
@@ -86,13 +87,19 @@ const FORMULA_MAPS = [
         const j = source(i);
         if (j < 0) return NaN;
         const now = luminanceAt(c.test, i), then = luminanceAt(c.testBefore, j);
-        return (now - then) / (0.5 * (Math.abs(now) + Math.abs(then)) + floor);
+        return difference(c.test, now, c.testBefore, then) / (0.5 * (Math.abs(now) + Math.abs(then)) + floor);
       });
     },
   },
 ];
 
 const luminanceAt = (picture, i) => luminance(picture.value(0, i), picture.value(1, i), picture.value(2, i));
+
+/** a - b of two pictures' values; 0 where it is no more than what storing them can have caused. */
+function difference(pictureA, a, pictureB, b) {
+  const d = a - b;
+  return Math.abs(d) <= pictureA.tolerance(a) + pictureB.tolerance(b) ? 0 : d;
+}
 
 function eachPixel(picture, value) {
   const out = new Float32Array(picture.width * picture.height);

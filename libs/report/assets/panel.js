@@ -177,6 +177,7 @@ class Panel {
     this.pixelPlot = new Plot(holder, { onPick: (x) => { if (data.frames.includes(x)) app.set({ frame: x }); } });
     this.slicesOf = data.sides.map(() => null);
     this.run = 0;
+    this.pixelDone = true;  // whether what is drawn is that of the chosen pixel
   }
 
   /** Computes the series and slices of the chosen pixel. What an earlier call has not finished is abandoned. */
@@ -184,31 +185,28 @@ class Panel {
     const { app } = this, { state, store } = app;
     const run = ++this.run;
     const current = () => run === this.run;
-    this.slicesOf = app.data.sides.map(() => null);
-    app.positions = null;
+    this.pixelDone = false;
     if (!state.pixel) {
-      this.showPixel();
-      return;
+      this.slicesOf.fill(null);
+      app.positions = null;
+    } else {
+      const positions = await trackPixel(store, state.pixel, state.origin ?? state.frame, state.track);
+      if (!current()) return;
+      app.positions = positions;
+      app.invalidate();
+      let due = performance.now() + 200;
+      for (let side = 0; side < app.data.sides.length; ++side) {
+        const result = await sliceAlong(store, side, positions, state, current, () => {
+          if (performance.now() < due) return;
+          due = performance.now() + 200;
+          this.pixelNote.textContent = `Reading ${app.data.sides[side].label} …`;
+        });
+        if (!result) return;
+        this.slicesOf[side] = result;  // until then the earlier one stays, so that nothing flickers
+      }
     }
-    const positions = await trackPixel(store, state.pixel, state.origin ?? state.frame, state.track);
-    if (!current()) return;
-    app.positions = positions;
-    app.invalidate();
-    let due = 0;
-    for (let side = 0; side < app.data.sides.length; ++side) {
-      const result = await sliceAlong(store, side, positions, state, current, () => {
-        if (performance.now() < due) return;
-        due = performance.now() + 200;
-        this.pixelNote.textContent = `reading ${app.data.sides[side].label} …`;
-      });
-      if (!result) return;
-      this.slicesOf[side] = result;
-      this.showPixel();
-    }
-  }
-
-  get pixelDone() {
-    return !this.app.state.pixel || this.slicesOf.every(Boolean);
+    this.pixelDone = true;
+    this.showPixel();
   }
 
   showPixel() {

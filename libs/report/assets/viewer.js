@@ -71,6 +71,7 @@ class Surfaces {
 }
 
 const MIN_SCALE = 1 / 16, MAX_SCALE = 128;
+const VALUES_SCALE = 56;  // CSS pixels: from here on numbers fit into a pixel of the picture
 
 /** The canvas: cells with pictures, one view (place and zoom) for all. */
 class Viewer {
@@ -177,6 +178,7 @@ class Viewer {
           context.strokeStyle = "#343b42";
           context.strokeRect(left + 0.5, top + 0.5, app.data.width * scale - 1, app.data.height * scale - 1);
         }
+        if (surface && scale >= VALUES_SCALE) this.drawValues(context, slot, surface, left, top, scale, [from, cell.y, to, cell.y + cell.height]);
         this.drawMarks(context, left, top, scale);
         context.restore();
         labels.push(this.label(slot, i, from, to, cell, surface || pending));
@@ -214,6 +216,33 @@ class Viewer {
     absent.style.top = `${cell.y + cell.height / 2}px`;
     absent.style.left = `${from + 8}px`;
     return [label, absent];
+  }
+
+  /** Writes the values of the pixels within [x0, y0, x1, y1] of the section into them. */
+  drawValues(context, slot, surface, left, top, scale, [x0, y0, x1, y1]) {
+    const { app } = this, { width, height } = app.data;
+    const id = app.store.pictureId(slot.side, app.state.frame), picture = surface.values ? null : id && app.store.cache.get(id);
+    if (!surface.values && !picture) return;
+    context.font = "11px ui-monospace, 'DejaVu Sans Mono', monospace";
+    context.textAlign = "center";
+    context.textBaseline = "middle";
+    context.lineWidth = 2.5;
+    context.lineJoin = "round";
+    context.strokeStyle = "#000c";
+    const first = (v, origin) => Math.max(0, Math.floor((v - origin) / scale));
+    for (let y = first(y0, top); y < Math.min(height, Math.ceil((y1 - top) / scale)); ++y) {
+      for (let x = first(x0, left); x < Math.min(width, Math.ceil((x1 - left) / scale)); ++x) {
+        const i = y * width + x;
+        const values = picture ? picture.rgb(i).slice(0, picture.channels) : [surface.values[i]];
+        values.forEach((v, k) => {
+          const place = [left + (x + 0.5) * scale, top + (y + 0.5) * scale + (k - (values.length - 1) / 2) * 14];
+          const text = formatNumber(v, 3);
+          context.strokeText(text, ...place);
+          context.fillStyle = values.length === 3 ? ["#ff9a8f", "#8fe39a", "#8fc1ff"][k] : "#fff";
+          context.fillText(text, ...place);
+        });
+      }
+    }
   }
 
   /** The chosen pixel, and the way that it takes. */

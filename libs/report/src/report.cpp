@@ -265,8 +265,17 @@ struct ReportWriter::Impl {
     EncodedPicture encoded;
   };
 
-  Impl(const std::string& file, const CompareOptions& measured, const ReportOptions& report_options)
+  Impl(const std::string& file, const std::vector<CompareInput>& inputs, const FrameSequence* reference,
+       const CompareOptions& measured, const ReportOptions& report_options)
       : path(file), options(report_options), spool_file(file), spool(spool_file.path()) {
+    const auto count = [&](const FrameSequence& sequence) {
+      return std::count_if(sequence.frames().begin(), sequence.frames().end(), [&](int f) {
+        return measured.frames.empty() ||
+               std::find(measured.frames.begin(), measured.frames.end(), f) != measured.frames.end();
+      });
+    };
+    for (const CompareInput& input : inputs) pictures += count(input.runs.at(0));
+    if (reference) pictures += std::max<std::int64_t>(1, count(*reference));
     const auto asked = [&](std::string_view id) {
       return std::find(measured.metrics.begin(), measured.metrics.end(), id) != measured.metrics.end();
     };
@@ -290,6 +299,8 @@ struct ReportWriter::Impl {
       source_width = image.width(), source_height = image.height();
       width = std::max(1, int(std::lround(source_width * options.scale)));
       height = std::max(1, int(std::lround(source_height * options.scale)));
+      const double pixels = double(pictures) * width * height;
+      precision = std::clamp(options.room / (pixels * options.picture_bytes), 1.0, 2.5);
     }
     return width == image.width() && height == image.height() ? image : resized(image, width, height);
   }
@@ -319,12 +330,13 @@ struct ReportWriter::Impl {
       Job& job = jobs[std::size_t(i)];
       switch (job.kind) {
         case Job::Kind::kPicture:
-          job.encoded =
-              encode_picture(job.image, {.bytes_per_pixel = options.picture_bytes, .first_steps = job.side->steps});
+          job.encoded = encode_picture(
+              job.image,
+              {.bytes_per_pixel = options.picture_bytes * precision, .max_steps = 128, .first_steps = job.side->steps});
           break;
         case Job::Kind::kMap:
-          job.encoded =
-              encode_picture(job.image, {.bytes_per_pixel = options.map_bytes, .max_steps = 32, .toe_octaves = 1});
+          job.encoded = encode_picture(
+              job.image, {.bytes_per_pixel = options.map_bytes * precision, .max_steps = 32, .toe_octaves = 1});
           break;
         case Job::Kind::kVectors:
           job.encoded = encode_vectors(job.image);
@@ -434,6 +446,8 @@ struct ReportWriter::Impl {
   TemporaryFile spool_file;  ///< the blocks of finished frames
   Output spool;
   std::vector<std::string> map_ids;
+  std::int64_t pictures = 0;  ///< that the page may come to hold
+  double precision = 1;       ///< factor of the bytes for a pixel
   int width = 0, height = 0, source_width = 0, source_height = 0;
   std::vector<int> frames;  ///< of the page, ascending
   std::map<std::size_t, Side> tests;
@@ -444,12 +458,14 @@ struct ReportWriter::Impl {
   std::vector<Job> jobs;  ///< of the current frame
 };
 
-ReportWriter::ReportWriter(const std::string& path, const CompareOptions& measured, const ReportOptions& options) {
+ReportWriter::ReportWriter(const std::string& path, const std::vector<CompareInput>& tests,
+                           const FrameSequence* reference, const CompareOptions& measured,
+                           const ReportOptions& options) {
   if (!(options.scale > 0 && options.scale <= 1)) {
     throw Error(ErrorCode::kOutOfRange,
                 fmt::format("the pictures of a report can have 0 to 1 of the frames' size, not {}", options.scale));
   }
-  impl_ = std::make_unique<Impl>(path, measured, options);
+  impl_ = std::make_unique<Impl>(path, tests, reference, measured, options);
 }
 ReportWriter::~ReportWriter() = default;
 

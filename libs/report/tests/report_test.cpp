@@ -138,7 +138,7 @@ class Report : public testing::Test {
   /// Compares and writes a page.
   Page make(const std::vector<CompareInput>& tests, const FrameSequence& reference, const CompareOptions& options = {},
             const ReportOptions& report = {}) {
-    ReportWriter writer(path("report.html"), options, report);
+    ReportWriter writer(path("report.html"), tests, &reference, options, report);
     const CompareResult result = compare_sequences(tests, reference, options, {}, &writer);
     const std::int64_t size = writer.finish(result);
     EXPECT_EQ(std::uintmax_t(size), fs::file_size(path("report.html")));
@@ -291,7 +291,7 @@ TEST_F(Report, SidesMayHaveOtherFrames) {
 TEST_F(Report, ShowsSequencesWithoutAReference) {
   const auto a = write("a", {1, 2}, 1, 0.5f, 48, 32, true), b = write("b", {2, 3}, 2, 0.5f);
   const CompareOptions options;
-  ReportWriter writer(path("report.html"), options);
+  ReportWriter writer(path("report.html"), {input("a", a), input("b", b)}, nullptr, options);
   int calls = 0;
   const CompareResult result =
       show_sequences({input("a", a), input("b", b)}, options, writer, [&](int done, int total) {
@@ -314,14 +314,15 @@ TEST_F(Report, ShowsSequencesWithoutAReference) {
   EXPECT_EQ(page.block("motion-forward-1").pixel(0, 0)[0], 1);
 
   write("c", {1}, 1, 0, 24, 32);
-  ReportWriter other(path("other.html"), options);
-  EXPECT_THROW(show_sequences({input("a", a), input("c", FrameSequence(path("c/f.####.exr")))}, options, other), Error);
+  const std::vector<CompareInput> unlike{input("a", a), input("c", FrameSequence(path("c/f.####.exr")))};
+  ReportWriter other(path("other.html"), unlike, nullptr, options);
+  EXPECT_THROW(show_sequences(unlike, options, other), Error);
 }
 
 TEST_F(Report, StoresSmallerPicturesOnRequest) {
   const auto a = write("a", {1}, 1, 0.0f, 48, 32, true);
   const CompareOptions options;
-  ReportWriter writer(path("report.html"), options, {.scale = 0.5});
+  ReportWriter writer(path("report.html"), {input("a", a)}, nullptr, options, {.scale = 0.5});
   const CompareResult result = show_sequences({input("a", a)}, options, writer);
   writer.finish(result);
   const Page page(path("report.html"));
@@ -331,8 +332,8 @@ TEST_F(Report, StoresSmallerPicturesOnRequest) {
   const Image source = read_frame(a.path(1)).layer("color"), shown = page.block("picture-0-1");
   EXPECT_NEAR(shown.pixel(3, 3)[0], 0.5f * (source.pixel(6, 6)[0] + source.pixel(7, 6)[0]), 2e-3);
   EXPECT_EQ(page.block("motion-backward-1").pixel(3, 3)[1], -0.75f) << "vectors shrink with the pictures";
-  EXPECT_THROW(ReportWriter(path("x.html"), options, {.scale = 0}), Error);
-  EXPECT_THROW(ReportWriter(path("x.html"), options, {.scale = 2}), Error);
+  EXPECT_THROW(ReportWriter(path("x.html"), {input("a", a)}, nullptr, options, {.scale = 0}), Error);
+  EXPECT_THROW(ReportWriter(path("x.html"), {input("a", a)}, nullptr, options, {.scale = 2}), Error);
 }
 
 TEST_F(Report, IsTheSameOnAnyNumberOfThreads) {
@@ -351,20 +352,20 @@ TEST_F(Report, LeavesNothingBehindWhenItIsAbandoned) {
   const auto files = [&] { return std::distance(fs::directory_iterator(folder_), fs::directory_iterator()); };
   const auto before = files();
   {
-    ReportWriter writer(path("report.html"), {});
+    ReportWriter writer(path("report.html"), {input("a", a)}, &r, {});
     EXPECT_THROW(compare_sequences(
                      {input("a", a)}, r, {}, [](int, int) { throw Error(ErrorCode::kCancelled, "stopped"); }, &writer),
                  Error);
   }
   EXPECT_EQ(files(), before);
-  EXPECT_THROW(ReportWriter("/proc/no/report.html", {}), Error);
+  EXPECT_THROW(ReportWriter("/proc/no/report.html", {input("a", a)}, &r, {}), Error);
 }
 
 TEST_F(Report, NoiseFitsIntoTheBytesThatItWasGiven) {
   const std::vector<int> frames{1, 2, 3, 4};
   const auto a = write("a", frames, 1, 1.9f, 320, 180, true), b = write("b", frames, 2, 1.0f, 320, 180),
              c = write("c", frames, 3, 0.5f, 320, 180), r = write("r", frames, 4, 0.1f, 320, 180, true);
-  make({input("a", a), input("b", b), input("c", c)}, r);
+  make({input("a", a), input("b", b), input("c", c)}, r, {}, {.room = 0});
   // 24 frames of 640x360 of three methods have to stay under 60 MB: 24 x 4 times the pixels.
   EXPECT_LT(fs::file_size(path("report.html")) * 6.0 * 4.0, 60e6);
 }
@@ -384,7 +385,7 @@ TEST_F(Report, MemoryDoesNotGrowWithTheSequence) {
   constexpr int kWidth = 256, kHeight = 144, kFrames = 150;
   const auto one = write("a", {1}, 1, 0.5f, kWidth, kHeight);
   const auto run = [&](int frames) {
-    ReportWriter writer(path("report.html"), {});
+    ReportWriter writer(path("report.html"), {input("a", one)}, &one, {}, {.room = 0});
     CompareResult result;
     CompareSide& side = result.sides.emplace_back();
     side.name = "a", side.runs = {one.pattern()};

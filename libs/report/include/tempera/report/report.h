@@ -22,9 +22,12 @@ struct ReportOptions {
   double scale = 1;
   double picture_bytes = 1.6;  ///< at most, for a pixel of a picture; see EncodeOptions::bytes_per_pixel
   double map_bytes = 0.35;     ///< the same, for a pixel of a map of errors
+  /// Up to this size of all pictures together, in bytes, they may take 2.5 times as much: small reports are precise.
+  double room = 35e6;
 };
 
-/// Writes a report while a comparison runs: pass it to compare_sequences as its observer, then call `finish`.
+/// Writes a report while a comparison of `tests` with `reference` (null: there is none) runs: pass it to
+/// compare_sequences as its observer, then call `finish`.
 /// Memory:  the pictures and maps of one frame, whatever the length of the sequence: what is finished waits in a
 ///          temporary file beside the report.
 /// Result:  the same bytes for the same files and options, on any number of threads.
@@ -34,7 +37,8 @@ class ReportWriter final : public CompareObserver {
  public:
   /// `measured` are the options of the comparison: they say which metrics may have maps.
   /// Errors: Error{kOutOfRange} for a scale outside of (0, 1].
-  ReportWriter(const std::string& path, const CompareOptions& measured, const ReportOptions& options = {});
+  ReportWriter(const std::string& path, const std::vector<CompareInput>& tests, const FrameSequence* reference,
+               const CompareOptions& measured, const ReportOptions& options = {});
   ~ReportWriter() override;
 
   std::vector<std::string> maps() const override;
