@@ -102,9 +102,12 @@ class Browser:
             raise BrowserError(answer["error"])
         return answer.get("value")
 
-    def screenshot(self, file: Path | None = None) -> bytes:
-        """The window as PNG, written to `file` if that is given."""
-        data = base64.b64decode(self._call("GET", self._path("/screenshot")))
+    def screenshot(self, file: Path | None = None, kind: str = "png", quality: int = 90) -> bytes:
+        """The window as "png", "jpeg" or "webp", written to `file` if that is given."""
+        parameters = {"format": kind} if kind == "png" else {"format": kind, "quality": quality}
+        answer = self._call("POST", self._path("/goog/cdp/execute"),
+                            {"cmd": "Page.captureScreenshot", "params": parameters})
+        data = base64.b64decode(answer["data"])
         if file:
             Path(file).write_bytes(data)
         return data

@@ -63,6 +63,11 @@ class App {
     this.ready = new Promise((resolve) => (this.markReady = resolve));
   }
 
+  get hasMotion() {
+    const { forward, backward } = this.data.motion;
+    return forward.length > 0 || backward.length > 0;
+  }
+
   start() {
     this.updateLook();
     this.viewer = new Viewer(this);
@@ -225,7 +230,8 @@ class App {
     oneOf("length", [31, 95, 0]);
     oneOf("channel", Object.keys(CHANNELS));
     oneOf("metric", data.metrics.map((m) => m.id));
-    for (const key of ["flipped", "compensate", "track", "log", "panel"]) oneOf(key, [true, false]);
+    for (const key of ["flipped", "compensate", "log", "panel"]) oneOf(key, [true, false]);
+    if (this.hasMotion) oneOf("track", [true, false]);
     number("exposure", -30, 30);
     number("split", 0, 1);
     number("zoom", MIN_SCALE, MAX_SCALE);
@@ -426,7 +432,7 @@ class App {
     by("side-b").disabled = by("show-b").disabled = state.mode === "grid";
     const values = { "side-a": state.a, "side-b": state.b, "show-a": state.showA, "show-b": state.showB, base: state.base, tone: state.tone, exposure: state.exposure, scrubber: this.index };
     for (const [id, value] of Object.entries(values)) by(id).value = value;
-    by("exposure-value").textContent = `${state.exposure > 0 ? "+" : ""}${formatNumber(state.exposure, 3)} EV`;
+    by("exposure-value").textContent = `${state.exposure > 0 ? "+" : ""}${formatNumber(state.exposure, 3)}`;
     by("zoom-value").textContent = `${Math.round(100 * this.viewer.scale() * (window.devicePixelRatio || 1))} %`;
     by("frame-value").textContent = `frame ${state.frame}  (${this.index + 1} of ${data.frames.length})`;
     by("play").textContent = this.playing ? "❚❚ Stop" : "▶ Play";
@@ -495,7 +501,7 @@ class App {
       "-": () => this.viewer.zoomBy(0.8),
       z: () => this.set({ zoom: 0 }),
       o: () => this.set({ zoom: 1, center: this.viewer.center() }),
-      m: () => (data.motion.forward.length || data.motion.backward.length) && this.set({ track: !state.track }),
+      m: () => this.hasMotion && this.set({ track: !state.track }),
       p: () => this.set({ panel: !state.panel }),
       l: () => this.copyLink(),
       "?": () => this.help(),

@@ -160,7 +160,7 @@ class Panel {
     this.axis = choice([["column", "column"], ["row", "row"]], { ariaLabel: "Slices along a" }, (axis) => app.set({ axis }));
     this.length = choice([["31", "31 pixels"], ["95", "95 pixels"], ["0", "all"]], { ariaLabel: "Length of the slices" },
       (length) => app.set({ length: Number(length) }));
-    const moves = data.motion.forward.length > 0 || data.motion.backward.length > 0;
+    const moves = app.hasMotion;
     const [track, trackInput] = checkbox("follow motion", {
       disabled: !moves,
       title: moves ? "Follow the surface along motion vectors (M)" : "the files have no motion vectors: render them with --layers motion",

@@ -79,7 +79,8 @@ class Plot {
     let low = Math.min(...all), high = Math.max(...all);
     if (!all.length) [low, high] = c.log ? [0.1, 1] : [0, 1];
     if (c.log) {
-      if (high / low < 1.5) [low, high] = [low / 1.3, high * 1.3];
+      const margin = Math.max((high / low) ** 0.06, high / low < 1.5 ? 1.3 : 1);
+      [low, high] = [low / margin, high * margin];
     } else {
       if (low > 0 && low < 0.5 * high) low = 0;
       if (high - low < 1e-6 * Math.max(Math.abs(high), 1e-30)) [low, high] = [low - 0.5 * Math.abs(low || 1), high + 0.5 * Math.abs(high || 1)];
