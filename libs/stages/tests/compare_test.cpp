@@ -71,6 +71,7 @@ TEST_F(Compare, FiguresAndMeansOfSequences) {
   EXPECT_NEAR(y.find("mse")->mean.mean, 1, 1e-6);
   EXPECT_EQ(x.name, path("a.####.exr"));
   EXPECT_EQ(x.label, "a.####.exr");
+  EXPECT_EQ(y.label, "b.####.exr");
 }
 
 TEST_F(Compare, OneReferenceServesAllFramesAndExposureMatters) {

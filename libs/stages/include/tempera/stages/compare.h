@@ -89,6 +89,8 @@ struct CompareResult {
   std::string reference;
   CompareOptions options;  ///< that it was made with
   int width = 0, height = 0;
+  double fps = 0;             ///< as the reference's files say; 0 if they do not
+  MeanError reference_error;  ///< relmse of the reference itself, from color.a and color.b in its files; else undefined
   std::vector<const MetricInfo*> metrics;  ///< that were measured, in the order of the catalog
   std::vector<CompareSide> sides;
   std::vector<std::string> notes;  ///< what a reader of the figures should know, a sentence each
@@ -100,6 +102,8 @@ class CompareObserver {
   virtual ~CompareObserver() = default;
   /// Ids of the metrics (with has_map) whose maps `test` wants.
   virtual std::vector<std::string> maps() const { return {}; }
+  /// Whether `reference` wants motion vectors.
+  virtual bool motion() const { return false; }
   /// Once for each frame, ascending, before its tests. `motion_backward` and `motion_forward` [h,w,>=2] are null if the
   /// files have none. A reference of one picture is shown for each frame.
   virtual void reference(int frame, const Image& image, const Image* motion_backward, const Image* motion_forward);
@@ -116,8 +120,8 @@ using CompareProgress = std::function<void(int done, int total)>;
 /// Result:  the same bits on any number of threads. Each file is read once.
 /// Memory:  independent of the number of frames: a few layers for each run, and `spectrum_memory`.
 /// Errors:  Error{kBadInput} if a test has no frame in common with the reference, the sizes of a pair differ (naming
-///          both files), or a metric that was asked for lacks what it needs; Error{kUnknownName} for unknown metrics;
-///          Error{kOutOfRange} for options; those of read_frame.
+///          both files), or a metric that was asked for by name lacks what it needs; Error{kUnknownName} for unknown
+///          metrics; Error{kOutOfRange} for options; those of read_frame.
 CompareResult compare_sequences(const std::vector<CompareInput>& tests, const FrameSequence& reference,
                                 const CompareOptions& options = {}, const CompareProgress& progress = {},
                                 CompareObserver* observer = nullptr);

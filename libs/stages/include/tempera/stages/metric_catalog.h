@@ -23,6 +23,7 @@ enum class MetricNeeds {
   kNothing,
   kMotion,      ///< motion.backward in the files of the reference
   kMotionBoth,  ///< motion.backward in the files of the test and of the reference
+  kTracks,      ///< motion.forward in the files of the reference
   kSeeds,       ///< several runs of the same method with different seeds
   kStillScene,  ///< meaningful only if nothing moves: chosen by default for a reference of one picture
 };
@@ -38,6 +39,7 @@ struct MetricInfo {
   MetricBetter better = MetricBetter::kLower;
   MetricNeeds needs = MetricNeeds::kNothing;
   bool has_map = false;     ///< whether there is a value per pixel
+  bool trims = false;       ///< whether the largest values can be left out (CompareOptions::trim)
   bool is_default = false;  ///< whether it is measured unless others are asked for
 };
 
