@@ -150,6 +150,9 @@ class Observers final : public CompareObserver {
     }
     return out;
   }
+  bool motion() const override {
+    return std::any_of(all_.begin(), all_.end(), [](const CompareObserver* o) { return o->motion(); });
+  }
   void reference(int frame, const Image& image, const Image* backward, const Image* forward) override {
     for (CompareObserver* o : all_) o->reference(frame, image, backward, forward);
   }

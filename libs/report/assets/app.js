@@ -46,7 +46,6 @@ class App {
       split: 0.5,
       zoom: 0,
       center: null,
-      compensate: false,
       pixel: null,
       origin: null,
       track: false,
@@ -131,6 +130,7 @@ class App {
     if (!sides[slot.side].frames.includes(frame)) return `${label} has no frame ${frame}`;
     if (slot.map?.stored && slot.side === reference) return `${slot.map.title} compares with this sequence`;
     if (slot.map?.before && frame === frames[0]) return "there is no frame before the first";
+    if (slot.map?.motion && !this.data.motion.backward.includes(frame)) return `frame ${frame} has no motion vectors`;
     if (slot.map?.base && !sides[base].frames.includes(frame)) return `${sides[base].label} has no frame ${frame}`;
     return slot.map?.before ? "the frame before is missing" : "there is no map of this frame";
   }
@@ -141,7 +141,7 @@ class App {
     const before = this.state;
     this.state = { ...before, ...changes };
     const changed = (...keys) => force || keys.some((k) => String(before[k]) !== String(this.state[k]));
-    if (changed("exposure", "tone", "base", "compensate")) this.updateLook();
+    if (changed("exposure", "tone", "base")) this.updateLook();
     if (changed("pixel", "track", "axis", "length") || (this.state.track && changed("origin"))) {
       this.panel.updatePixel().catch((error) => this.fail(error));
     }
@@ -155,9 +155,9 @@ class App {
   }
 
   updateLook() {
-    const { exposure, tone, base, compensate } = this.state;
+    const { exposure, tone, base } = this.state;
     if (this.look?.exposure !== exposure || this.look?.tone !== tone) this.toneMap = new ToneMap(exposure, tone);
-    this.look = { exposure, tone, base, compensate, toneMap: this.toneMap };
+    this.look = { exposure, tone, base, toneMap: this.toneMap };
   }
 
   invalidate() {
@@ -230,7 +230,7 @@ class App {
     oneOf("length", [31, 95, 0]);
     oneOf("channel", Object.keys(CHANNELS));
     oneOf("metric", data.metrics.map((m) => m.id));
-    for (const key of ["flipped", "compensate", "log", "panel"]) oneOf(key, [true, false]);
+    for (const key of ["flipped", "log", "panel"]) oneOf(key, [true, false]);
     if (this.hasMotion) oneOf("track", [true, false]);
     number("exposure", -30, 30);
     number("split", 0, 1);
@@ -352,7 +352,6 @@ class App {
     on("link", "click", () => this.copyLink());
     on("toggle-panel", "click", () => this.set({ panel: !this.state.panel }));
     on("help-button", "click", () => this.help());
-    on("compensate", "change", (e) => this.set({ compensate: e.target.checked }));
     for (const id of ["range-low", "range-high"]) on(id, "change", () => this.readRange());
     on("first", "click", () => this.goTo(0));
     on("previous", "click", () => this.goTo(this.index - 1));
@@ -372,6 +371,11 @@ class App {
     // After the mouse has used a control, the keys belong to the pictures again.
     document.addEventListener("click", (event) => event.detail > 0 && event.target.closest("button, summary, input[type=checkbox]")?.blur());
     document.addEventListener("change", (event) => event.target.matches("select, input[type=range]") && event.target.blur());
+    const edge = document.getElementById("edge"), panel = document.getElementById("panel");
+    edge.addEventListener("pointerdown", (event) => edge.setPointerCapture(event.pointerId));
+    edge.addEventListener("pointermove", (event) => {
+      if (edge.hasPointerCapture(event.pointerId)) panel.style.width = `${clamp(innerWidth - event.clientX, 300, innerWidth - 300)}px`;
+    });
     const dialog = document.getElementById("help");
     const table = element("table");
     for (const [keys, text] of KEYS) {
@@ -447,8 +451,6 @@ class App {
     by("map-against").hidden = !map.base && !map.stored;
     by("base").disabled = Boolean(map.stored);
     if (map.stored) by("base").value = data.reference;
-    by("compensate-label").hidden = !map.before || !data.motion.backward.length;
-    by("compensate").checked = state.compensate;
     by("range-low").disabled = range.scale === "signed";
     by("range-low").value = range.scale === "signed" ? -range.high : range.low;
     by("range-high").value = range.high;
@@ -556,8 +558,8 @@ window.temperaReport = {
     return picture && picture.rgb(y * app.data.width + x);
   },
   /** Values of a map, [height * width], or null. */
-  async map(id, side, frame, { base = app.state.base, compensate = app.state.compensate } = {}) {
-    const values = await computeMap(app.store, app.mapOf(id), { side, base, frame, compensate });
+  async map(id, side, frame, { base = app.state.base } = {}) {
+    const values = await computeMap(app.store, app.mapOf(id), { side, base, frame });
     return values && Array.from(values);
   },
   /** { positions, series, values, size } of a slice; see tracks.js. */

@@ -178,6 +178,6 @@ function formatNumber(value, digits = 4) {
   if (!Number.isFinite(value)) return value > 0 ? "∞" : "−∞";
   if (value === 0) return "0";
   const magnitude = Math.abs(value);
-  const text = magnitude < 1e-3 || magnitude >= 1e5 ? value.toExponential(digits - 2) : value.toPrecision(digits);
-  return text.replace("-", "−").replace("e+", "e");
+  const text = magnitude < 1e-3 || magnitude >= 1e5 ? value.toExponential(digits - 1) : value.toPrecision(digits);
+  return text.replaceAll("-", "−").replace("e+", "e");
 }

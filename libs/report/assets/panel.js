@@ -69,7 +69,7 @@ class Panel {
         element("th", { scope: "row" }, pick, " ", element("span", { className: "direction", textContent: arrow, title: { lower: "lower is better", higher: "higher is better", zero: "closer to 0 is better" }[metric.better] }), metric.unit ? element("small", { className: "direction", textContent: ` ${metric.unit}` }) : ""));
       tests.forEach((side, i) => {
         const error = side.series[metric.id]?.confidence95;
-        const ratio = means[0] && i > 0 && means[i] !== null ? means[i] / means[0] : null;
+        const ratio = metric.better === "lower" && i > 0 && means[0] && means[i] !== null ? means[i] / means[0] : null;
         const details = [error ? `± ${formatNumber(error, 2)}` : "", ratio > 0 ? `${formatNumber(ratio, 3)}×` : ""].filter(Boolean);
         const cell = element("td", { textContent: formatNumber(means[i]) }, element("small", {
           textContent: details.join("  "), title: "half of the interval that holds the mean with 95 % confidence; ratio to the first sequence",

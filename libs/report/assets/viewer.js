@@ -16,7 +16,7 @@ class Surfaces {
     const { map } = slot;
     if (!map) return `${slot.side}|${frame}|${look.exposure}|${look.tone}`;
     const { low, high } = slot.range;
-    return `${map.id}|${slot.side}|${frame}|${low}|${high}|${map.base ? look.base : ""}|${map.before && look.compensate}`;
+    return `${map.id}|${slot.side}|${frame}|${low}|${high}|${map.base ? look.base : ""}`;
   }
 
   /** {canvas, values} if it is ready, null if there is nothing to show, undefined if it is being made. */
@@ -50,7 +50,7 @@ class Surfaces {
     const { width, height } = this.store.data;
     let values = null, picture = null;
     if (slot.map) {
-      values = await computeMap(this.store, slot.map, { side: slot.side, base: look.base, frame, compensate: look.compensate }, urgent);
+      values = await computeMap(this.store, slot.map, { side: slot.side, base: look.base, frame }, urgent);
     } else {
       picture = await this.store.picture(slot.side, frame, urgent);
     }

@@ -25,7 +25,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 /// Metrics whose maps the page computes from the pictures (libs/report/assets/errors.js): they need no room.
-constexpr std::array<std::string_view, 2> kComputedMaps{"mse", "relmse"};
+constexpr std::array<std::string_view, 7> kComputedMaps{
+    "relmse", "relmse_gray", "mse", "temporal", "temporal_compensated", "warp_error", "flicker_static"};
 
 bool is_computed(std::string_view id) {
   return std::find(kComputedMaps.begin(), kComputedMaps.end(), id) != kComputedMaps.end();
@@ -358,15 +359,14 @@ struct ReportWriter::Impl {
   Json side_json(const Side& side, const std::string& label, const std::string& name,
                  const std::vector<std::string>& runs) const {
     const Provenance p = provenance_of(runs[0], side.frames);
-    Json json{{"label", label},
-              {"name", name},
-              {"runs", runs},
-              {"frames", side.frames},
-              {"stored", side.stored},
-              {"relativeError", {relative_error({.steps = side.finest}), relative_error({.steps = side.coarsest})}},
-              {"info", p.rows}};
-    if (p.fps > 0) json["fps"] = p.fps;
-    return json;
+    return {{"label", label},
+            {"name", name},
+            {"runs", runs},
+            {"fps", p.fps},
+            {"frames", side.frames},
+            {"stored", side.stored},
+            {"relativeError", {relative_error({.steps = side.finest}), relative_error({.steps = side.coarsest})}},
+            {"info", p.rows}};
   }
 
   Json data(const CompareResult& result) const {
@@ -417,12 +417,9 @@ struct ReportWriter::Impl {
       }
       maps.push_back(std::move(map));
     }
-    double fps = 24;
-    for (const Json& side : sides) {
-      if (!side.contains("fps")) continue;
-      fps = side["fps"].get<double>();
-      break;
-    }
+    double fps = result.fps;
+    for (std::size_t s = 0; s < sides.size() && !(fps > 0); ++s) fps = sides[s]["fps"];
+    if (!(fps > 0)) fps = 24;
     return {{"format", 1},
             {"generator", "tempera " TEMPERA_VERSION},
             {"width", width},
@@ -474,10 +471,10 @@ std::vector<std::string> ReportWriter::maps() const { return impl_->map_ids; }
 void ReportWriter::reference(int frame, const Image& image, const Image* motion_backward, const Image* motion_forward) {
   impl_->begin(frame);
   impl_->add_picture("reference", impl_->reference_side, frame, image, true);
-  motion(frame, motion_backward, motion_forward);
+  vectors(frame, motion_backward, motion_forward);
 }
 
-void ReportWriter::motion(int frame, const Image* motion_backward, const Image* motion_forward) {
+void ReportWriter::vectors(int frame, const Image* motion_backward, const Image* motion_forward) {
   impl_->begin(frame);
   impl_->add_motion("backward", impl_->backward, frame, motion_backward);
   impl_->add_motion("forward", impl_->forward, frame, motion_forward);
@@ -606,7 +603,7 @@ CompareResult show_sequences(const std::vector<CompareInput>& tests, const Compa
       }
       if (progress) progress(++done, total);
     }
-    writer.motion(frame, vectors[0], vectors[1]);
+    writer.vectors(frame, vectors[0], vectors[1]);
   }
   return result;
 }
