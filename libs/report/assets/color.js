@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// From values to pixels on the screen: the display transform of `tempera video` (libs/frames/src/display.cpp), and false
-// colors for error maps.
+// From values to pixels on the screen: the display transform of `tempera video` (libs/frames/src/display.cpp), and
+// false colors for error maps.
 
 const clamp = (v, low, high) => (v < low ? low : v > high ? high : v);
 const luminance = (r, g, b) => 0.2126 * r + 0.7152 * g + 0.0722 * b;

@@ -65,7 +65,8 @@ const FORMULA_MAPS = [
   ...[false, true].map((motion) => ({
     id: motion ? "temporal_compensated" : "temporal",
     title: motion ? "temporal error along motion" : "temporal error",
-    help: `squared error of the change since the frame before${motion ? " along motion vectors" : ""}, over squared base + epsilon`,
+    help: `squared error of the change since the frame before${motion ? " along motion vectors" : ""}, over squared ` +
+      "base + epsilon",
     base: true,
     before: true,
     motion,
@@ -111,7 +112,8 @@ const FORMULA_MAPS = [
   ...[false, true].map((motion) => ({
     id: motion ? "change_compensated" : "change",
     title: motion ? "change along motion" : "change since last frame",
-    help: `relative change of luminance since the frame before${motion ? " along motion vectors" : ""}, of one sequence alone: flicker shows up here`,
+    help: `relative change of luminance since the frame before${motion ? " along motion vectors" : ""}, of one ` +
+      "sequence alone: flicker shows up here",
     before: true,
     motion,
     range: { low: -1, high: 1, scale: "signed" },

@@ -118,10 +118,11 @@ class MapRange {
   void add(const Image& map) {
     for (const float v : map.values()) {
       if (!std::isfinite(v)) continue;
-      const float a = std::abs(v);
-      if (a > 0) ++bins_[std::size_t(std::clamp(int(std::floor(std::log2(a) * kPerOctave)) + kBins / 2, 0, kBins - 1))];
-      count_ += a > 0;
       least_ = std::min(least_, v);
+      const float a = std::abs(v);
+      if (a == 0) continue;
+      ++bins_[std::size_t(std::clamp(int(std::floor(std::log2(a) * kPerOctave)) + kZero, 0, kBins - 1))];
+      ++count_;
     }
   }
   /// {"low", "high", "scale"} as the page wants it (libs/report/assets/color.js).
@@ -138,12 +139,12 @@ class MapRange {
   }
 
  private:
-  static constexpr int kPerOctave = 8, kBins = 2048;
+  static constexpr int kPerOctave = 8, kBins = 2048, kZero = kBins / 2;
   double quantile(double q) const {
     std::int64_t left = std::int64_t(q * double(count_));
     for (int i = 0; i < kBins; ++i) {
       left -= bins_[std::size_t(i)];
-      if (left < 0) return std::exp2(double(i + 1 - kBins / 2) / kPerOctave);
+      if (left < 0) return std::exp2(double(i + 1 - kZero) / kPerOctave);
     }
     return 1;
   }
@@ -512,12 +513,12 @@ std::int64_t ReportWriter::finish(const CompareResult& result) {
 
   // The page is text with a few marks, {{name}}, at which its parts go in.
   const std::map<std::string_view, std::string> parts{{"title", html_text(valid_utf8(title))},
-                                                      {"style", std::string(report_assets::style)},
+                                                      {"style", std::string(report_assets::kStyle)},
                                                       {"data", script_json(data)},
-                                                      {"script", std::string(report_assets::script)}};
+                                                      {"script", std::string(report_assets::kScript)}};
   TemporaryFile file(d.path);
   Output out(file.path());
-  std::string_view rest = report_assets::page;
+  std::string_view rest = report_assets::kPage;
   for (;;) {
     const std::size_t open = rest.find("{{");
     out.write(rest.substr(0, open));
