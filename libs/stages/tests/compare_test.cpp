@@ -130,6 +130,7 @@ CompareResult sample_result() {
   r.reference = "ref";
   r.metrics = {&get_metric("mse"), &get_metric("relmse"), &get_metric("flip")};
   r.sides = {side, other};
+  r.width = 8, r.height = 6;
   r.notes = {"A note."};
   return r;
 }
@@ -165,12 +166,14 @@ TEST(CompareText, Csv) {
 
 TEST(CompareText, Table) {
   EXPECT_EQ(to_table(sample_result()),
+            "Reference: ref, layer color, 8x6 pixels\n"
             "                       a         other\n"
             "frames                 2             2\n"
             "MSE                    1  ± 6.4      1  ± 6.4  1.000x\n"
             "relMSE               0.5  ± 3.2   0.25  ± 3.2  0.500x\n"
             "FLIP               0.375         0.375         1.000x\n"
             "non-finite pixels      3             3\n"
+            "±: 95 % confidence of the mean over frames\n"
             "A note.\n");
 }
 
