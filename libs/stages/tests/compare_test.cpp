@@ -1,29 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tempera/stages/compare.h"
 
-#include <gtest/gtest.h>
-#include <unistd.h>
-
 #include <cmath>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "tempera/core/time.h"
-#include "tempera/frames/frame.h"
+#include "sequences.h"
 
 namespace tempera {
 namespace {
 
-class Compare : public testing::Test {
+using namespace test;
+
+class Compare : public SequenceTest {
  protected:
-  Compare() {
-    folder_ =
-        std::filesystem::path(testing::TempDir()) /
-        ("tempera_" + std::to_string(::getpid()) + "_" + testing::UnitTest::GetInstance()->current_test_info()->name());
-    std::filesystem::create_directories(folder_);
-  }
-  ~Compare() override { std::filesystem::remove_all(folder_); }
-  std::string path(const std::string& name) const { return (folder_ / name).string(); }
   /// Frames of one value each.
   FrameSequence write(const std::string& name, std::initializer_list<int> frames, float value, float step = 0,
                       int width = 8) {
@@ -34,10 +23,7 @@ class Compare : public testing::Test {
     }
     return FrameSequence(path(name + ".####.exr"));
   }
-  std::filesystem::path folder_;
 };
-
-CompareInput input(const FrameSequence& sequence) { return {sequence.pattern(), {sequence}}; }
 
 TEST_F(Compare, FiguresAndMeansOfSequences) {
   const auto a = write("a", {1, 2, 3}, 1.0f, 0.5f), b = write("b", {2, 3, 4}, 2.0f),

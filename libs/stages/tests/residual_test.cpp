@@ -1,22 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "../src/residual.h"
 
-#include <gtest/gtest.h>
-
 #include <cmath>
 #include <functional>
 #include <numeric>
 
-#include "tempera/core/random.h"
+#include "sequences.h"
 
 namespace tempera {
 namespace {
 
-float normal(int x, int y, int t, int key) {
-  const std::uint64_t bits = hash_key(std::uint64_t(x), std::uint64_t(y), std::uint64_t(t), std::uint64_t(key));
-  const float u = to_unit_float(std::uint32_t(bits)), v = to_unit_float(std::uint32_t(bits >> 32));
-  return std::sqrt(-2 * std::log(1 - u)) * std::cos(6.2831853f * v);
-}
+using namespace test;
 
 /// The spectrum of a residual e(t, x, y), on top of a reference that changes, by the same steps as a comparison.
 ResidualSpectrum spectrum(int frames, int w, int h, const std::function<float(int t, int x, int y)>& e,

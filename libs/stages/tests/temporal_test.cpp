@@ -1,36 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <gtest/gtest.h>
-
 #include <cmath>
 
+#include "sequences.h"
 #include "tempera/core/parallel.h"
-#include "tempera/core/random.h"
 #include "tempera/stages/metrics.h"
 
 namespace tempera {
 namespace {
 
-float normal(int x, int y, int c, int key) {
-  const std::uint64_t bits = hash_key(std::uint64_t(x), std::uint64_t(y), std::uint64_t(c), std::uint64_t(key));
-  const float u = to_unit_float(std::uint32_t(bits)), v = to_unit_float(std::uint32_t(bits >> 32));
-  return std::sqrt(-2 * std::log(1 - u)) * std::cos(6.2831853f * v);
-}
-
-template <class F>
-Image filled(int w, int h, int channels, F&& value) {
-  Image image(w, h, channels);
-  for (int y = 0; y < h; ++y) {
-    for (int x = 0; x < w; ++x) {
-      for (int c = 0; c < channels; ++c) image.at(x, y, c) = value(x, y, c);
-    }
-  }
-  return image;
-}
-
-/// The same vector everywhere, valid.
-Image vectors(int w, int h, float dx, float dy) {
-  return filled(w, h, 4, [=](int, int, int c) { return c == 0 ? dx : c == 1 ? dy : c == 3 ? 1.0f : 0.0f; });
-}
+using namespace test;
 
 TEST(PreviousPositions, FollowVectorsInsideOfThePicture) {
   const Image p = previous_positions(vectors(8, 4, -2.25f, 1));
