@@ -195,7 +195,9 @@ void compare(const Flags& flags, const std::stop_token& stop) {
 
 std::vector<CatalogItem> metric_items() {
   std::vector<CatalogItem> out;
-  for (const MetricInfo& m : metric_catalog()) out.push_back({std::string(m.id), std::string(m.help), {}});
+  for (const MetricInfo& m : metric_catalog()) {
+    out.push_back({std::string(m.id), fmt::format("{}{}", m.help, m.is_default ? " (default)" : ""), {}});
+  }
   return out;
 }
 
@@ -213,8 +215,6 @@ void add_compare(Program& program) {
         with_threads(flags->threads, [&] { compare(*flags, program.stop); });
         return 0;
       });
-  std::vector<std::string> names;
-  for (const MetricInfo& m : metric_catalog()) names.emplace_back(m.id);
   command
       ->add_option(
           "tests", flags->tests,
@@ -227,7 +227,7 @@ void add_compare(Program& program) {
       ->type_name("REFERENCE");
   command
       ->add_option("--metrics", flags->metrics,
-                   fmt::format("what to measure: default, all, or of {} [default]", fmt::join(names, ", ")))
+                   "what to measure: default, all, and names that tempera list metrics shows [default]")
       ->type_name("A,B,C");
   command->add_option("-f,--frames", flags->frames, "frames to compare [all that both have]")->type_name("SET");
   command->add_option("--layer", flags->options.layer, "layer to compare [color]")->type_name("NAME");
@@ -247,8 +247,9 @@ void add_compare(Program& program) {
   command->add_option("--motion", flags->options.motion, "files with the reference's motion vectors [the reference]")
       ->type_name("PATTERN");
   command
-      ->add_option("--threshold", flags->thresholds,
-                   "end with status 6 if a frame is worse than this; mean.METRIC: if the sequence is")
+      ->add_option(
+          "--threshold", flags->thresholds,
+          "end with status 6 if a frame is worse than this, or for mean.METRIC the sequence; several with commas")
       ->allow_extra_args(false)
       ->type_name("METRIC=VALUE");
   command->add_option("--csv", flags->csv, "also write all figures to this file")->type_name("FILE");
