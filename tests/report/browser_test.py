@@ -400,7 +400,8 @@ class ReportPage(unittest.TestCase):
             expected = 0
             for c in range(3):
                 change, base = ([image[y][x][c] for image in images] for images in (test, reference))
-                expected += ((change[1] - change[0]) - (base[1] - base[0])) ** 2 / (base[1] ** 2 + 0.01) / 3
+                difference = (change[1] - change[0]) - (base[1] - base[0])
+                expected += difference ** 2 / ((base[0] ** 2 + base[1] ** 2) / 2 + 0.01) / 3
             self.assertAlmostEqual(values[y * 96 + x], expected, delta=0.1 * expected + 2e-3)
         self.assertIsNone(self.map_of("temporal", 0, 1), "no frame is before the first")
 

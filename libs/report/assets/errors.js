@@ -65,8 +65,8 @@ const FORMULA_MAPS = [
   ...[false, true].map((motion) => ({
     id: motion ? "temporal_compensated" : "temporal",
     title: motion ? "temporal error along motion" : "temporal error",
-    help: `squared error of the change since the frame before${motion ? " along motion vectors" : ""}, over squared ` +
-      "base + epsilon",
+    help: `squared error of the change since the frame before${motion ? " along motion vectors" : ""}, over the ` +
+      "mean of the squared bases + epsilon",
     base: true,
     before: true,
     motion,
@@ -75,16 +75,17 @@ const FORMULA_MAPS = [
       const p = c.source(i);
       if (!p) return NaN;
       return meanOfChannels((k) => {
-        const b = c.base.value(k, i);
+        const b = c.base.value(k, i), before = bilinear(c.baseBefore, k, p);
         const test = difference(c.test, c.test.value(k, i), c.testBefore, bilinear(c.testBefore, k, p));
-        return (test - difference(c.base, b, c.baseBefore, bilinear(c.baseBefore, k, p))) ** 2 / (b * b + c.epsilon);
+        const d = test - difference(c.base, b, c.baseBefore, before);
+        return (d * d) / ((b * b + before * before) / 2 + c.epsilon);
       });
     }),
   })),
   {
     id: "warp_error",
     title: "warp error",
-    help: "squared change along motion vectors, over squared base + epsilon",
+    help: "squared change along motion vectors, over the mean of the squared bases + epsilon",
     base: true,
     before: true,
     motion: true,
@@ -94,8 +95,9 @@ const FORMULA_MAPS = [
       const p = c.source(i);
       if (!p) return NaN;
       return meanOfChannels((k) => {
-        const b = c.base.value(k, i), before = bilinear(c.testBefore, k, p);
-        return difference(c.test, c.test.value(k, i), c.testBefore, before) ** 2 / (b * b + c.epsilon);
+        const b = c.base.value(k, i), before = bilinear(c.baseBefore, k, p);
+        const d = difference(c.test, c.test.value(k, i), c.testBefore, bilinear(c.testBefore, k, p));
+        return (d * d) / ((b * b + before * before) / 2 + c.epsilon);
       });
     }),
   },
@@ -172,6 +174,9 @@ function followVectors(vectors, back, position) {
   return gap <= 0.01 * (v[0] ** 2 + v[1] ** 2 + b[0] ** 2 + b[1] ** 2) + 0.5 ? to : null;
 }
 
+/** The smallest distance between two frames. */
+const frameStep = (frames) => frames.slice(1).reduce((step, f, i) => Math.min(step, f - frames[i]), Infinity);
+
 /** All maps of a report: the formulas that its sequences allow, then those that came with it. */
 function mapsOf(data) {
   const metric = (id) => data.metrics.find((m) => m.id === id);
@@ -190,9 +195,9 @@ async function computeMap(store, map, { side, base, frame }, urgent = true) {
     const picture = await store.map(map.id, side, frame, urgent);
     return picture && eachPixel(picture, (i) => picture.value(0, i));
   }
-  const before = data.frames[data.frames.indexOf(frame) - 1];
-  // Vectors lead to the frame numbered one less, which is not the one before in every sequence.
-  if (map.before && (before === undefined || (map.motion && before !== frame - 1))) return null;
+  // The frame before stands one step away; vectors lead to the frame numbered one less.
+  const step = frameStep(data.frames), before = frame - step;
+  if (map.before && (!data.frames.includes(before) || (map.motion && step !== 1))) return null;
   const none = Promise.resolve(null);
   const [test, basis, testBefore, baseBefore, backward, forward] = await Promise.all([
     store.picture(side, frame, urgent),

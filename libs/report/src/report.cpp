@@ -568,7 +568,10 @@ CompareResult show_sequences(const std::vector<CompareInput>& tests, const Compa
     frames.insert(side.frames.begin(), side.frames.end());
     total += int(side.frames.size());
   }
-  for (CompareSide& s : result.sides) s.label = s.name;
+  std::vector<std::string> names;
+  for (const CompareSide& s : result.sides) names.push_back(s.name);
+  const std::vector<std::string> labels = distinguishing_labels(names);
+  for (std::size_t s = 0; s < labels.size(); ++s) result.sides[s].label = labels[s];
 
   constexpr std::array<const char*, 2> kMotion{"motion.backward", "motion.forward"};
   std::string first_path;

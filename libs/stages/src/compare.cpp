@@ -33,30 +33,6 @@ std::size_t index_of(const std::vector<int>& sorted, int value) {
 
 // --- What to compare
 
-/// The parts of `names` between the folders that all of them begin and end with: "path" and "mlt" of "out/path/f.exr"
-/// and "out/mlt/f.exr".
-std::vector<std::string> labels_of(const std::vector<std::string>& names) {
-  if (names.size() == 1) return names;
-  std::vector<std::vector<std::string>> parts;
-  for (const std::string& name : names) {
-    auto& p = parts.emplace_back();
-    for (const std::filesystem::path& folder : std::filesystem::path(name)) p.push_back(folder.string());
-  }
-  const auto all_have = [&](auto&& part) {
-    return std::all_of(parts.begin(), parts.end(),
-                       [&](const auto& p) { return p.size() > 1 && part(p) == part(parts[0]); });
-  };
-  while (all_have([](const auto& p) { return p.front(); })) {
-    for (auto& p : parts) p.erase(p.begin());
-  }
-  while (all_have([](const auto& p) { return p.back(); })) {
-    for (auto& p : parts) p.pop_back();
-  }
-  std::vector<std::string> out;
-  for (const auto& p : parts) out.push_back(fmt::format("{}", fmt::join(p, "/")));
-  return out;
-}
-
 /// Which frames a side is compared in.
 CompareSide plan_side(const CompareInput& input, const FrameSequence& reference, const CompareOptions& options) {
   CompareSide side;
@@ -66,11 +42,16 @@ CompareSide plan_side(const CompareInput& input, const FrameSequence& reference,
   const auto wanted = [&](int f) {
     return options.frames.empty() || std::find(options.frames.begin(), options.frames.end(), f) != options.frames.end();
   };
+  // Runs that are single pictures belong together whatever numbers their names hold.
+  const auto serves = [](const FrameSequence& run, int f) { return run.has(f) || run.path(f) == run.path(f + 1); };
+  bool common = false;
   for (const int f : input.runs.at(0).frames()) {
     const bool in_all_runs =
-        std::all_of(input.runs.begin(), input.runs.end(), [&](const FrameSequence& r) { return r.has(f); });
+        std::all_of(input.runs.begin(), input.runs.end(), [&](const FrameSequence& r) { return serves(r, f); });
+    common |= in_all_runs;
     if (wanted(f) && in_all_runs) (still || reference.has(f) ? side.frames : side.unmatched).push_back(f);
   }
+  if (!common) throw Error(ErrorCode::kBadInput, fmt::format("the runs of {} have no frame in common", input.name));
   if (side.frames.empty()) {
     throw Error(ErrorCode::kBadInput,
                 fmt::format("{} and the reference {} have no frame to compare", input.name, reference.pattern()));
@@ -183,7 +164,7 @@ class Comparison {
       names.push_back(side.name);
       result_.sides.push_back(std::move(side));
     }
-    const std::vector<std::string> labels = labels_of(names);
+    const std::vector<std::string> labels = distinguishing_labels(names);
     for (std::size_t s = 0; s < labels.size(); ++s) result_.sides[s].label = labels[s];
     all_frames_.assign(all.begin(), all.end());
     step_ = all_frames_.size() > 1 ? all_frames_[1] - all_frames_[0] : 1;
@@ -697,6 +678,28 @@ class Comparison {
 
 }  // namespace
 
+std::vector<std::string> distinguishing_labels(const std::vector<std::string>& names) {
+  if (names.size() == 1) return names;
+  std::vector<std::vector<std::string>> parts;
+  for (const std::string& name : names) {
+    auto& p = parts.emplace_back();
+    for (const std::filesystem::path& folder : std::filesystem::path(name)) p.push_back(folder.string());
+  }
+  const auto all_have = [&](auto&& part) {
+    return std::all_of(parts.begin(), parts.end(),
+                       [&](const auto& p) { return p.size() > 1 && part(p) == part(parts[0]); });
+  };
+  while (all_have([](const auto& p) { return p.front(); })) {
+    for (auto& p : parts) p.erase(p.begin());
+  }
+  while (all_have([](const auto& p) { return p.back(); })) {
+    for (auto& p : parts) p.pop_back();
+  }
+  std::vector<std::string> out;
+  for (const auto& p : parts) out.push_back(fmt::format("{}", fmt::join(p, "/")));
+  return out;
+}
+
 void CompareObserver::reference(int, const Image&, const Image*, const Image*) {}
 void CompareObserver::test(std::size_t, int, const Image&, const std::function<const Image*(std::string_view)>&) {}
 
@@ -705,19 +708,6 @@ const MetricSeries* CompareSide::find(std::string_view id) const {
     if (s.metric->id == id) return &s;
   }
   return nullptr;
-}
-
-CompareInput parse_compare_input(const std::string& text) {
-  CompareInput input;
-  input.name = text;
-  std::string pattern = text;
-  const auto equals = text.find('=');
-  if (equals != std::string::npos && equals > 0 && text.find('/') > equals && !std::filesystem::exists(text)) {
-    input.name = text.substr(0, equals);
-    pattern = text.substr(equals + 1);
-  }
-  input.runs.emplace_back(pattern);
-  return input;
 }
 
 CompareResult compare_sequences(const std::vector<CompareInput>& tests, const FrameSequence& reference,
