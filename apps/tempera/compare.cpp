@@ -240,9 +240,9 @@ void compare(const Flags& flags, const std::stop_token& stop) {
   const CompareResult result = compare_sequences(tests, *reference, options, progress, &observers);
   if (terminal) std::fprintf(stderr, "\r\033[K");
   std::printf("%s", to_table(result).c_str());
-  if (report) finish_report(*report, result, flags.html);
   if (!flags.csv.empty()) write_file(flags.csv, to_csv(result));
   if (!flags.json.empty()) write_file(flags.json, to_json(result));
+  if (report) finish_report(*report, result, flags.html);
 
   const std::vector<std::string> passed = passed_limits(result, limits);
   if (passed.empty()) return;

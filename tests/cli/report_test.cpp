@@ -45,6 +45,20 @@ TEST_F(CompareHtml, NeedsNoReference) {
   EXPECT_NE(page.find("\"width\":40,\"height\":30"), std::string::npos);
 }
 
+TEST_F(CompareHtml, FullDiskIsOneMessageAndLeavesNothing) {
+  const std::vector<std::string> arguments{"compare", a(), "--reference", b(), "--html", path("out/report.html")};
+  for (const rlim_t size :
+       {rlim_t(10000), rlim_t(100000)}) {  // while frames are read, and when the page is put together
+    const Outcome o = run(arguments, [size] {
+      const rlimit limit{size, size};
+      setrlimit(RLIMIT_FSIZE, &limit);
+    });
+    EXPECT_EQ(o.status, 1) << size;
+    EXPECT_NE(o.err.find("cannot write " + path("out/report.html") + ": File too large"), std::string::npos) << o.err;
+    EXPECT_TRUE(fs::is_empty(path("out")));
+  }
+}
+
 TEST_F(CompareHtml, SaysWhatIsMissingOrWrong) {
   const Outcome without = run({"compare", a(), b()});
   EXPECT_EQ(without.status, 2);

@@ -3,7 +3,7 @@
 // false colors for error maps.
 
 const clamp = (v, low, high) => (v < low ? low : v > high ? high : v);
-const luminance = (r, g, b) => 0.2127 * r + 0.7152 * g + 0.0722 * b;
+const luminance = (r, g, b) => 0.212671 * r + 0.71516 * g + 0.072169 * b;
 
 const linearToSrgb = (v) => (v <= 0.0031308 ? 12.92 * v : 1.055 * v ** (1 / 2.4) - 0.055);
 const srgbToLinear = (v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);

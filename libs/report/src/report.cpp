@@ -221,10 +221,13 @@ const char* to_text(ToneMap tone_map) {
   return "srgb";
 }
 
-/// A file that is written from front to back.
+/// A temporary file that is written from front to back; errors name the file that it is to become.
 class Output {
  public:
-  explicit Output(const std::string& path) : path_(path), out_(path, std::ios::binary | std::ios::trunc) { check(); }
+  Output(const TemporaryFile& file, std::string becomes)
+      : path_(std::move(becomes)), out_(file.path(), std::ios::binary | std::ios::trunc) {
+    check();
+  }
   void write(std::string_view text) {
     errno = 0;
     out_.write(text.data(), std::streamsize(text.size()));
@@ -269,7 +272,7 @@ struct ReportWriter::Impl {
 
   Impl(const std::string& file, const std::vector<CompareInput>& inputs, const FrameSequence* reference,
        const CompareOptions& measured, const ReportOptions& report_options)
-      : path(file), options(report_options), spool_file(file), spool(spool_file.path()) {
+      : path(file), options(report_options), spool_file(file), spool(spool_file, file) {
     const auto count = [&](const FrameSequence& sequence) {
       return std::count_if(sequence.frames().begin(), sequence.frames().end(), [&](int f) {
         return measured.frames.empty() ||
@@ -517,7 +520,7 @@ std::int64_t ReportWriter::finish(const CompareResult& result) {
                                                       {"data", script_json(data)},
                                                       {"script", std::string(report_assets::kScript)}};
   TemporaryFile file(d.path);
-  Output out(file.path());
+  Output out(file, d.path);
   std::string_view rest = report_assets::kPage;
   for (;;) {
     const std::size_t open = rest.find("{{");

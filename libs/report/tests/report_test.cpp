@@ -233,6 +233,17 @@ TEST_F(Report, LoadsNothing) {
   }
 }
 
+TEST_F(Report, EveryMapOfAMetricIsStoredOrComputedByThePage) {
+  const auto a = write("a", {1}, 1, 0.5f);
+  const ReportWriter writer(path("report.html"), {input("a", a)}, &a, {.metrics = {"all"}});
+  const std::vector<std::string> stored = writer.maps();
+  for (const MetricInfo& m : metric_catalog()) {
+    if (!m.has_map) continue;
+    const bool computed = report_assets::kScript.find("\"" + std::string(m.id) + "\"") != std::string_view::npos;
+    EXPECT_NE(std::find(stored.begin(), stored.end(), m.id) != stored.end(), computed) << m.id;
+  }
+}
+
 TEST_F(Report, EmbedsItsOwnFilesUnchanged) {
   const fs::path assets = fs::path(TEMPERA_SOURCE_DIR) / "libs/report/assets";
   EXPECT_EQ(report_assets::kPage, text_of(assets / "report.html"));
