@@ -97,12 +97,15 @@ class PathIntegrator final : public Integrator {
     SampleStream stream;
     float weight;
     double time;
+    Vec2f film, lens;
     CameraRay ray;
   };
   static CameraSample camera_sample(const FrameContext& context, int x, int y, int index);
 
-  SampleResult trace(const FrameContext& context, const SampleStream& stream, const CameraRay& camera_ray, double time,
-                     const Vec3f& view_axis, std::span<Rgb> classes, bool features) const;
+  SampleResult trace(const FrameContext& context, const CameraSample& camera, const Vec3f& view_axis,
+                     std::span<Rgb> classes, bool features) const;
+  static void set_footprint(const FrameContext& context, const CameraSample& camera, const SurfacePoint& point,
+                            ShadingPoint& s);
   float transmittance(const FrameContext& context, Ray ray, int edges_left) const;
   void write_motion(const FrameContext& context, const Tile& tile, Frame& out) const;
 
@@ -181,8 +184,29 @@ void for_each_state(const LightPathClassifier& classifier, LightPathClassifier::
   }
 }
 
-SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStream& stream, const CameraRay& camera_ray,
-                                   double time, const Vec3f& view_axis, std::span<Rgb> classes, bool features) const {
+/// Sets the texture footprint of a hit that the camera sees: how far apart on the tangent plane the rays of
+/// neighbouring samples arrive, taking samples for evenly spread over the pixel [Igehy 1999; Pharr 2023, Sec. 10.1].
+void PathIntegrator::set_footprint(const FrameContext& context, const CameraSample& camera, const SurfacePoint& point,
+                                   ShadingPoint& s) {
+  constexpr float kLeast = 0.125f;  // of a pixel: what is finer than that is noise below the others
+  const float spacing = std::max(kLeast, 1 / std::sqrt(float(context.settings.spp)));
+  const SurfaceDerivatives d = context.rays.derivatives(point, camera.time);
+  const float uu = dot(d.dpdu, d.dpdu), uv = dot(d.dpdu, d.dpdv), vv = dot(d.dpdv, d.dpdv);
+  const float inv = 1 / (uu * vv - uv * uv);
+  const auto footprint = [&](const Vec2f& step) -> Vec2f {
+    const CameraRay r = context.camera.ray(camera.film + step * spacing, camera.lens, camera.time);
+    const float t = dot(s.p - r.o, s.ng) / dot(r.d, s.ng);
+    const Vec3f dp = r.o + r.d * t - s.p;
+    const float u = dot(dp, d.dpdu), v = dot(dp, d.dpdv);
+    const Vec2f result{(vv * u - uv * v) * inv, (uu * v - uv * u) * inv};
+    return std::isfinite(result.x) && std::isfinite(result.y) ? result : Vec2f{};
+  };
+  s.duv_dx = footprint({1, 0});
+  s.duv_dy = footprint({0, 1});
+}
+
+SampleResult PathIntegrator::trace(const FrameContext& context, const CameraSample& camera, const Vec3f& view_axis,
+                                   std::span<Rgb> classes, bool features) const {
   const RayScene& rays = context.rays;
   const LightSampler& lights = context.lights;
   const LightPathClassifier& classifier = context.classifier;
@@ -190,7 +214,8 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
   SampleResult result;
   Tally tally{classifier, classes, {}, clamp_};
 
-  Ray ray{camera_ray.o, camera_ray.d, camera_ray.tmin, camera_ray.tmax, time};
+  const double time = camera.time;
+  Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, time};
   Rgb beta(1.0f);
   float beta_roulette = 1;  // throughput before a class was chosen, so that roulette does not depend on the classes
   float eta_product = 1;    // radiance scaling by refraction, taken out of roulette's decision
@@ -218,8 +243,9 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
     ShadingPoint s = rays.shading_point(hit->point, time, -ray.d);
     const Shape& shape = rays.shape(hit->point);
     const Material& material = *shape.material;
+    if (seen_by_camera && material.needs_footprint()) set_footprint(context, camera, hit->point, s);
 
-    const VertexNumbers u = stream.vertex(vertex);
+    const VertexNumbers u = camera.stream.vertex(vertex);
     if (masks && material.has_opacity()) {
       const float opacity = material.opacity(s);
       if (opacity < 1 && u.opacity >= opacity) {
@@ -259,7 +285,7 @@ SampleResult PathIntegrator::trace(const FrameContext& context, const SampleStre
         f.position = s.p;
         f.uv = s.uv;
         f.emission = emitted;
-        f.depth = dot(s.p - camera_ray.o, view_axis);
+        f.depth = dot(s.p - camera.ray.o, view_axis);
         for (int e = 0; e < kEventCount; ++e) f.albedo += bsdf.albedo(s.wo, Event(e));
       }
     }
@@ -349,11 +375,12 @@ PathIntegrator::CameraSample PathIntegrator::camera_sample(const FrameContext& c
   const RenderSettings& settings = context.settings;
   const SampleStream stream(settings.sampler, settings.seed, settings.seed_per_frame ? context.frame : 0, x, y,
                             std::uint32_t(index));
-  const auto filter = settings.filter.sample(stream.get2(coordinate(CameraDim::kPixel)));
+  const CameraNumbers u = stream.camera();
+  const auto filter = settings.filter.sample(u.pixel);
   const Vec2f film{float(x) + 0.5f + filter.offset.x, float(y) + 0.5f + filter.offset.y};
-  const double time = settings.clock.exposure_time(context.frame, stream.get1(coordinate(CameraDim::kTime)),
-                                                   std::clamp(film.y / float(settings.height), 0.0f, 1.0f));
-  return {stream, filter.weight, time, context.camera.ray(film, stream.get2(coordinate(CameraDim::kLens)), time)};
+  const double time =
+      settings.clock.exposure_time(context.frame, u.time, std::clamp(film.y / float(settings.height), 0.0f, 1.0f));
+  return {stream, filter.weight, time, film, u.lens, context.camera.ray(film, u.lens, time)};
 }
 
 /// Sums over the samples of one pixel.
@@ -401,7 +428,7 @@ void PathIntegrator::render(const FrameContext& context, const Tile& tile, Frame
     const CameraSample camera = camera_sample(context, x, y, index);
     const Vec3f axis = features ? context.camera.axis(camera.time) : Vec3f{};
     std::fill(sample_classes.begin(), sample_classes.end(), Rgb(0.0f));
-    const SampleResult r = trace(context, camera.stream, camera.ray, camera.time, axis, sample_classes, features);
+    const SampleResult r = trace(context, camera, axis, sample_classes, features);
     ++samples;
     ray_count += r.rays;
     shadow_count += r.shadow_rays;
@@ -596,7 +623,7 @@ void PathIntegrator::write_motion(const FrameContext& context, const Tile& tile,
 Rgb PathIntegrator::replay(const FrameContext& context, int x, int y, int sample) const {
   const CameraSample camera = camera_sample(context, x, y, sample);
   std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
-  return trace(context, camera.stream, camera.ray, camera.time, {}, classes, false).radiance * camera.weight;
+  return trace(context, camera, {}, classes, false).radiance * camera.weight;
 }
 
 std::unique_ptr<Integrator> make_path(const Params& params) { return std::make_unique<PathIntegrator>(params); }

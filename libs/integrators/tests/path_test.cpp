@@ -329,6 +329,40 @@ TEST(Path, ThinLensBlursByTheCircleOfConfusion) {
   EXPECT_NEAR(total, kPiD * sqr(0.025 * pixels_per_unit), 0.08 * total);  // blur keeps the light
 }
 
+/// Shows the footprint that it is asked for: the lengths of duv_dx and duv_dy, and their dot product.
+class FootprintProbe final : public Texture {
+ public:
+  Rgb rgb(const ShadingPoint& s) const override {
+    return {length(s.duv_dx), length(s.duv_dy), std::abs(s.duv_dx.x * s.duv_dy.x + s.duv_dx.y * s.duv_dy.y)};
+  }
+  Rgb mean() const override { return Rgb(1.0f); }
+};
+
+// A card turned by 60 degrees about y fills twice as much of u in each pixel; samples divide the pixel among them.
+TEST(Path, FootprintsOfATurnedCard) {
+  TestShot shot;
+  shot.orthographic(1);
+  Mesh card;
+  card.positions = {{-2, -2, 0}, {2, -2, 0}, {2, 2, 0}, {-2, 2, 0}};
+  card.uvs = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+  card.indices = {0, 1, 2, 0, 2, 3};
+  const auto probe = std::make_shared<FootprintProbe>();
+  shot.add(card, make_diffuse(Slot(probe)), shot.node(Affine3d(rotation(axis_angle(Vec3d{0, 1, 0}, kPiD / 3)))))
+      .emission = AreaEmission{Slot(probe), true};
+  shot.parameters = "max_depth=1";
+  for (const int spp : {1, 16, 1024}) {
+    shot.settings.spp = spp;
+    const float pixel = 2.0f / 32 / 4 * std::max(0.125f, 1 / std::sqrt(float(spp)));  // in units of uv
+    const Frame frame = shot.render();
+    for (const auto& [x, y] : {std::pair{16, 16}, {5, 20}, {30, 3}}) {
+      const Rgb c = frame.layer("color").rgb(x, y);
+      EXPECT_NEAR(c.r, 2 * pixel, 1e-3f * pixel) << spp;
+      EXPECT_NEAR(c.g, pixel, 1e-3f * pixel) << spp;
+      EXPECT_NEAR(c.b, 0, 1e-3f * pixel * pixel) << spp;
+    }
+  }
+}
+
 TEST(Path, MotionVectorsOfAMovingCard) {
   TestShot shot;
   shot.settings.width = 64, shot.settings.height = 48;

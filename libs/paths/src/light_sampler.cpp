@@ -11,14 +11,20 @@ namespace tempera {
 
 namespace {
 
+/// A triangle of a light that does not move, ready for sampling.
+struct FixedTriangle {
+  Vec3f p, e1, e2, ng;
+};
+
 /// An emitting shape at one place.
 struct AreaLight {
   std::uint32_t instance = 0, shape = 0;
   const AreaEmission* emission = nullptr;
-  const Mesh* mesh = nullptr;  // null: analytic
-  Discrete triangles;          // by area at the reference time
-  float fixed_pdf_area = 0;    // 1 / area where the surface never moves; 0: ask at the time
-  int analytic = -1;           // index of the geometry variant: 1 sphere, 2 disk, 3 cylinder
+  const Mesh* mesh = nullptr;        // null: analytic
+  Discrete triangles;                // by area at the reference time
+  float fixed_pdf_area = 0;          // 1 / area where the surface never moves; 0: ask at the time
+  std::vector<FixedTriangle> fixed;  // of a mesh that never moves
+  int analytic = -1;                 // index of the geometry variant: 1 sphere, 2 disk, 3 cylinder
   Affine3f object_from_unit;
 };
 
@@ -182,7 +188,16 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
         }
         light.triangles = Discrete(areas);
         if (!(light.triangles.total() > 0)) continue;
-        if (!moving && !light.mesh->deforms()) light.fixed_pdf_area = float(1 / light.triangles.total());
+        if (!moving && !light.mesh->deforms()) {
+          light.fixed_pdf_area = float(1 / light.triangles.total());
+          for (std::uint32_t k = 0; k < light.mesh->triangle_count(); ++k) {
+            FixedTriangle f;
+            f.p = rays.position({i, light.shape, k, 0, 0}, s.reference_time, &f.ng);
+            f.e1 = rays.position({i, light.shape, k, 1, 0}, s.reference_time) - f.p;
+            f.e2 = rays.position({i, light.shape, k, 0, 1}, s.reference_time) - f.p;
+            light.fixed.push_back(f);
+          }
+        }
       } else {
         light.analytic = int(shape.geometry.index());
         light.object_from_unit = std::visit(
@@ -334,8 +349,14 @@ std::optional<LightSample> LightSampler::Impl::sample_area(const AreaLight& ligh
     if (light.analytic == 1) point.v = std::acos(1 - 2 * u.y) * kInvPi;
     if (light.analytic == 2) point.u = std::sqrt(u.x);
   }
-  Vec3f ng;
-  const Vec3f q = rays->position(point, t, &ng);
+  Vec3f q, ng;
+  if (light.fixed.empty()) {
+    q = rays->position(point, t, &ng);
+  } else {
+    const FixedTriangle& f = light.fixed[point.primitive];
+    q = f.p + f.e1 * point.u + f.e2 * point.v;
+    ng = f.ng;
+  }
   const Vec3f to_light = q - p;
   const float d2 = length_squared(to_light);
   if (!(d2 > 0)) return std::nullopt;
