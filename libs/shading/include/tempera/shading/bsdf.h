@@ -69,6 +69,7 @@ class FixedStack {
  public:
   int size() const { return size_; }
   const T& operator[](int i) const { return std::launder(reinterpret_cast<const T*>(storage_))[i]; }
+  void clear() { size_ = 0; }
   /// Appends and returns the index. More than N is an assertion failure; without assertions the value is dropped and
   /// the last index returned.
   int push(const T& value) {
@@ -93,6 +94,14 @@ class Bsdf {
 
   Bsdf() {}  // NOLINT: with "= default", Bsdf{} would zero the uninitialised storage
 
+  /// Empties it for another point.
+  void clear() {
+    lobes_.clear();
+    frames_.clear();
+    layers_.clear();
+    total_probability_ = 0;
+    has_non_delta_ = false;
+  }
   /// Registers a shading frame for the lobes added after it; returns its index (an equal frame's, if there is one).
   /// More than kMaxFrames, kMaxLobes or kMaxLayers is an assertion failure: materials check their depth when they are
   /// built.
