@@ -409,6 +409,7 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
       break;
     }
 
+    finish_frame(*q.integrator, context(q, frame_scene, f), frame);
     RenderInfo info = render_info_of(q, f);
     info.command = options.command;
     info.render_seconds = earlier + now() - frame_begin;
@@ -440,6 +441,7 @@ Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals
   CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
   std::mutex mutex;
   render_tiles(q, context(q, frame_scene, frame), picture, state, mutex, {}, [](const Tile&, const RenderTotals&) {});
+  finish_frame(*q.integrator, context(q, frame_scene, frame), picture);
   if (totals) *totals = state.totals;
   return picture;
 }

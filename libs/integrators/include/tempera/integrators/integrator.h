@@ -94,6 +94,9 @@ class Integrator {
   /// Errors: Error{kUnknownName | kUnsupported} for a requested layer that this integrator cannot write.
   virtual std::vector<LayerDesc> outputs(const RenderSettings& settings) const = 0;
 
+  /// Layers that `render` fills beside them for `finish`, and that no file holds.
+  virtual std::vector<LayerDesc> work_layers(const RenderSettings& /*settings*/) const { return {}; }
+
   /// Writes the estimates of one tile to `out`.
   /// Shapes:  every layer of `outputs()` exists in `out` with the size of the crop window; tile coordinates are pixels
   /// of
@@ -105,11 +108,18 @@ class Integrator {
   virtual void render(const FrameContext& context, const Tile& tile, Frame& out, RenderCounters& counters,
                       std::stop_token stop) const = 0;
 
+  /// Makes what needs neighbouring pixels of other tiles, once all tiles of a frame are rendered.
+  virtual void finish(const FrameContext& /*context*/, Frame& /*out*/) const {}
+
   /// Renders the single sample (x, y, sample) of the frame and returns its radiance: to replay a bad sample.
   virtual Rgb replay(const FrameContext& context, int x, int y, int sample) const = 0;
 };
 
-/// A frame with all layers of `integrator`, zero, and the metadata that goes with them (cryptomatte manifest).
+/// Calls Integrator::finish and removes the work layers.
+void finish_frame(const Integrator& integrator, const FrameContext& context, Frame& frame);
+
+/// A frame with all layers of `integrator`, work layers too, zero, and the metadata that goes with them (cryptomatte
+/// manifest).
 Frame make_frame(const Integrator& integrator, const RenderSettings& settings, const Scene& scene);
 
 /// A name that users can choose, its help line, its parameters and its factory.
