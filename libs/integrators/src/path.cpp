@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Path tracing with next-event estimation and multiple importance sampling.
 #include "path_tracer.h"
+#include "pixel_motion.h"
 #include "tile_film.h"
 
 namespace tempera {

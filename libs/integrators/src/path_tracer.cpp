@@ -19,10 +19,9 @@ PathOptions::PathOptions(const Params& p)
       hide_emitters(p.get_bool("hide_emitters")),
       null_counts(p.get_bool("null_counts_as_bounce")) {}
 
-CameraSample camera_sample(const FrameContext& context, int x, int y, int index) {
+CameraSample camera_sample(const FrameContext& context, const PixelKey& key, int x, int y, int index) {
   const RenderSettings& settings = context.settings;
-  const SampleStream stream(settings.sampler, settings.seed, settings.seed_per_frame ? context.frame : 0, x, y,
-                            std::uint32_t(index));
+  const SampleStream stream(settings.sampler, settings.seed, key.stream, key.x, key.y, std::uint32_t(index));
   const CameraNumbers u = stream.camera();
   const auto filter = settings.filter.sample(u.pixel);
   const Vec2f film{float(x) + 0.5f + filter.offset.x, float(y) + 0.5f + filter.offset.y};

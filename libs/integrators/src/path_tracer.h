@@ -65,8 +65,19 @@ struct CameraSample {
   Vec2f film, lens;
   CameraRay ray;
 };
-/// Sample `index` of pixel (x, y) of the frame.
-CameraSample camera_sample(const FrameContext& context, int x, int y, int index);
+/// Which random numbers a pixel takes: those of a pixel of a stream, usually its own of its frame.
+struct PixelKey {
+  std::int64_t stream = 0;
+  int x = 0, y = 0;
+};
+inline PixelKey own_key(const FrameContext& context, int x, int y) {
+  return {context.settings.seed_per_frame ? context.frame : 0, x, y};
+}
+/// Sample `index` of pixel (x, y) of the frame with the numbers of `key`.
+CameraSample camera_sample(const FrameContext& context, const PixelKey& key, int x, int y, int index);
+inline CameraSample camera_sample(const FrameContext& context, int x, int y, int index) {
+  return camera_sample(context, own_key(context, x, y), x, y, index);
+}
 
 /// A point where a path meets a surface. `bsdf` is empty until the path needs it.
 struct Vertex {

@@ -44,13 +44,12 @@ inline std::optional<ShiftedDirection> shift_refraction(const Vec3f& wo, const V
   const float l = length(sum);
   if (!(l > 0)) return std::nullopt;
   Vec3f h = sum * (1 / l);
-  if (dot(h, wo_offset) < 0) h = -h;
+  if (dot(h, wo) < 0) h = -h;  // the facet's normal on the side of wo
+  if (!(dot(h, wi) < 0) || !(dot(h, wo_offset) > 0)) return std::nullopt;
   const float c = dot(h, wo_offset), sin2 = (1 - c * c) / sqr(eta_offset);
   if (!(sin2 < 1)) return std::nullopt;  // total reflection
   const Vec3f wi_offset = normalize(h * (c / eta_offset - std::sqrt(1 - sin2)) - wo_offset * (1 / eta_offset));
   if (!(wi_offset.z * wo_offset.z < 0)) return std::nullopt;
-  // Both half vectors must lie on the same side of wo, or the way back is another one.
-  if ((dot(sum, wo) > 0) != (dot(wo_offset + wi_offset * eta_offset, wo_offset) > 0)) return std::nullopt;
   const float before = sqr(eta) * std::abs(dot(wi, h)) / length_squared(sum);
   const float after =
       sqr(eta_offset) * std::abs(dot(wi_offset, h)) / length_squared(wo_offset + wi_offset * eta_offset);

@@ -42,17 +42,25 @@ std::vector<LayerDesc> film_outputs(const RenderSettings& settings, std::string_
   return result;
 }
 
-TileFilm::TileFilm(const FrameContext& context, const Tile& tile, const Frame& out)
+void add_missing(std::vector<LayerDesc>& list, const std::vector<LayerDesc>& more) {
+  for (const LayerDesc& d : more) {
+    if (std::find(list.begin(), list.end(), d) == list.end()) list.push_back(d);
+  }
+}
+
+TileFilm::TileFilm(const FrameContext& context, const Tile& tile, const Frame& out, std::string prefix)
     : settings_(context.settings),
       tile_(tile),
-      class_count_(settings_.classes.empty() ? 0 : settings_.classes.size() + 1),
+      prefix_(std::move(prefix)),
+      class_count_(settings_.classes.empty() || !prefix_.empty() ? 0 : settings_.classes.size() + 1),
       pixels_(std::size_t(tile.x1 - tile.x0) * std::size_t(tile.y1 - tile.y0)),
       class_sums_(pixels_.size() * class_count_),
       sample_classes_(class_count_),
-      cryptomatte_(out.has("CryptoObject00")),
+      cryptomatte_(out.has(prefix_ + "CryptoObject00")),
       features_(cryptomatte_),
       ids_(cryptomatte_ ? tile.x1 - tile.x0 : 0, cryptomatte_ ? tile.y1 - tile.y0 : 0) {
-  for (const char* name : {"albedo", "normal", "depth", "position", "uv", "emission"}) features_ |= out.has(name);
+  for (const char* name : {"albedo", "normal", "depth", "position", "uv", "emission"})
+    features_ |= out.has(prefix_ + name);
   if (cryptomatte_) {
     for (const std::string& name : cryptomatte_names(context.scene)) instance_ids_.push_back(cryptomatte_id(name));
   }
@@ -101,7 +109,9 @@ bool TileFilm::add(int x, int y, int index, const CameraSample& camera, const Sa
 void TileFilm::write(Frame& out) const {
   Frame crypto_frame(tile_.x1 - tile_.x0, tile_.y1 - tile_.y0);
   if (cryptomatte_) ids_.write(crypto_frame, {}, "CryptoObject", settings_.cryptomatte_depth);
-  const auto layer = [&](std::string_view name) { return out.has(name) ? &out.layer(name) : nullptr; };
+  const auto layer = [&](const std::string& name) {
+    return out.has(prefix_ + name) ? &out.layer(prefix_ + name) : nullptr;
+  };
   Image* color = layer("color");
   Image *half_a = layer("color.a"), *half_b = layer("color.b"), *variance = layer("color.var");
   Image *albedo = layer("albedo"), *normal = layer("normal"), *depth = layer("depth"), *position = layer("position");
@@ -156,64 +166,6 @@ void TileFilm::write(Frame& out) const {
           }
         }
       }
-    }
-  }
-}
-
-void write_motion(const FrameContext& context, const Tile& tile, Frame& out) {
-  const RenderSettings& settings = context.settings;
-  Image* object_id = out.has("object_id") ? &out.layer("object_id") : nullptr;
-  Image* forward = out.has("motion.forward") ? &out.layer("motion.forward") : nullptr;
-  Image* backward = out.has("motion.backward") ? &out.layer("motion.backward") : nullptr;
-  if (!object_id && !forward && !backward) return;
-  const bool masks = context.rays.has_opacity();
-  for (int y = tile.y0; y < tile.y1; ++y) {
-    const double row = (double(y) + 0.5) / settings.height;
-    const double now = settings.clock.exposure_time(context.frame, 0.5, row);
-    for (int x = tile.x0; x < tile.x1; ++x) {
-      const int ox = x - settings.x0(), oy = y - settings.y0();
-      const CameraRay c = context.camera.ray({float(x) + 0.5f, float(y) + 0.5f}, {0.5f, 0.5f}, now);
-      Ray ray{c.o, c.d, c.tmin, c.tmax, now};
-      auto hit = context.rays.intersect(ray);
-      for (int i = 0; hit && masks && i < kMaxVertices; ++i) {  // look through what is mostly transparent
-        const Material& material = *context.rays.shape(hit->point).material;
-        if (!material.has_opacity()) break;
-        const ShadingPoint s = context.rays.shading_point(hit->point, now, -ray.d);
-        if (material.opacity(s) >= 0.5f) break;
-        ray.o = context.rays.offset_origin(s.p, s.ng, ray.d);
-        ray.tmin = 0;
-        hit = context.rays.intersect(ray);
-      }
-      if (object_id) object_id->at(ox, oy) = hit ? float(hit->point.instance + 1) : 0.0f;
-      const auto write = [&](Image* image, int step) {
-        if (!image) return;
-        const double then = settings.clock.exposure_time(context.frame + step, 0.5, row);
-        Vec2f motion;
-        float depth_change = 0;
-        bool valid = false;
-        if (hit) {
-          const auto a = context.camera.project(context.rays.position(hit->point, now), now);
-          const auto b = context.camera.project(context.rays.position(hit->point, then), then);
-          valid = a && b;
-          if (valid) motion = b->pixel - a->pixel, depth_change = b->depth - a->depth;
-        } else if (const auto a = context.camera.project_direction(c.d, now)) {
-          const auto b = context.camera.project_direction(context.lights.environment_motion(c.d, now, then), then);
-          valid = b.has_value();
-          if (valid) motion = *b - *a;
-        } else {  // parallel projection sees no directions: a far point instead
-          const Vec3f p = c.o + c.d * (1e3f * std::max(1.0f, context.rays.bounds().radius()));
-          const auto from = context.camera.project(p, now), to = context.camera.project(p, then);
-          valid = from && to;
-          if (valid) motion = to->pixel - from->pixel;
-        }
-        valid = valid && std::isfinite(motion.x) && std::isfinite(motion.y) && std::isfinite(depth_change);
-        image->at(ox, oy, 0) = valid ? motion.x : 0.0f;
-        image->at(ox, oy, 1) = valid ? motion.y : 0.0f;
-        image->at(ox, oy, 2) = valid ? depth_change : 0.0f;
-        image->at(ox, oy, 3) = valid ? 1.0f : 0.0f;
-      };
-      write(forward, 1);
-      write(backward, -1);
     }
   }
 }

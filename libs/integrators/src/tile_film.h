@@ -9,18 +9,22 @@
 
 namespace tempera {
 
-/// Names of the layers that a TileFilm and write_motion can write, beside CryptoObject* and class.*.color.
+/// Names of the layers that a TileFilm and write_motion (pixel_motion.h) can write, beside CryptoObject* and
+/// class.*.color.
 const std::vector<std::string>& film_layers();
 /// The descriptors of what `settings` asks for: color, the layers among `names` and film_layers(), cryptomatte,
 /// classes. Errors: Error{kUnknownName} for a layer that is not among them, naming `integrator`.
 std::vector<LayerDesc> film_outputs(const RenderSettings& settings, std::string_view integrator,
                                     std::span<const std::string> more = {});
 
+/// Appends those of `more` that `list` lacks.
+void add_missing(std::vector<LayerDesc>& list, const std::vector<LayerDesc>& more);
+
 /// Threads: one thread each.
 class TileFilm {
  public:
-  /// Gathers what `out` has layers for.
-  TileFilm(const FrameContext& context, const Tile& tile, const Frame& out);
+  /// Gathers what `out` has layers for, under names that begin with `prefix`.
+  TileFilm(const FrameContext& context, const Tile& tile, const Frame& out, std::string prefix = "");
 
   /// Whether samples must come with their first hit.
   bool features() const { return features_; }
@@ -51,6 +55,7 @@ class TileFilm {
   }
   const RenderSettings& settings_;
   Tile tile_;
+  std::string prefix_;
   std::size_t class_count_;
   std::vector<Pixel> pixels_;
   std::vector<Rgb> class_sums_, sample_classes_;
@@ -58,9 +63,5 @@ class TileFilm {
   CryptomatteBuffer ids_;
   std::vector<float> instance_ids_;
 };
-
-/// Object ids and motion vectors: what stands at the pixel's center at the middle of the exposure, and where the same
-/// matter is seen one frame later and earlier.
-void write_motion(const FrameContext& context, const Tile& tile, Frame& out);
 
 }  // namespace tempera

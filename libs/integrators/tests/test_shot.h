@@ -71,7 +71,14 @@ struct TestShot {
     std::vector<std::string> expressions;
     for (const PathClass& c : settings.classes) expressions.push_back(c.expression);
     const LightPathClassifier classifier(expressions);
-    const FrameContext context{scene, rays, lights, camera, classifier, settings, frame};
+    FrameContext context{scene, rays, lights, camera, classifier, settings, frame};
+    const TimeSpan exposed_before = settings.clock.exposure(frame - 1);
+    const double middle = 0.5 * (exposed_before.begin + exposed_before.end);
+    const RayScene rays_before(scene, {middle, middle}, {exposed_before.begin - 1, exposed_before.end + 1},
+                               {.motion_step = step}, cache);
+    const FrameContext before{scene, rays_before, lights, camera, classifier, settings, frame - 1};
+    const auto plan = renderer->prepare(context, renderer->frames_before() ? &before : nullptr);
+    context.plan = plan.get();
     Frame out = make_frame(*renderer, settings, scene);
     RenderCounters counters;
     const int nx = (settings.width + tile - 1) / tile, ny = (settings.height + tile - 1) / tile;
@@ -85,5 +92,7 @@ struct TestShot {
     return out;
   }
 };
+
+inline std::vector<float> values(const Image& image) { return {image.values().begin(), image.values().end()}; }
 
 }  // namespace tempera

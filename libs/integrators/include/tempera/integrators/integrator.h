@@ -54,6 +54,11 @@ struct RenderSettings {
   int y1() const { return crop_width > 0 ? crop_y + crop_height : height; }
 };
 
+/// What an integrator works out once for a frame and all its tiles share.
+struct FramePlan {
+  virtual ~FramePlan() = default;
+};
+
 /// Everything that is fixed while one frame renders.
 struct FrameContext {
   const Scene& scene;
@@ -63,6 +68,7 @@ struct FrameContext {
   const LightPathClassifier& classifier;
   const RenderSettings& settings;
   int frame = 0;
+  const FramePlan* plan = nullptr;  ///< what the integrator's `prepare` returned
 };
 
 /// The quantum of parallelism, checkpoint and resume: pixels [x0,x1) x [y0,y1) of the frame with all their samples.
@@ -96,6 +102,14 @@ class Integrator {
 
   /// Layers that `render` fills beside them for `finish`, and that no file holds.
   virtual std::vector<LayerDesc> work_layers(const RenderSettings& /*settings*/) const { return {}; }
+
+  /// How many frames before the one that is rendered `prepare` looks at: 0 or 1.
+  virtual int frames_before() const { return 0; }
+  /// Called before the tiles of a frame. `before`: the preceding frame, if frames_before() asks for it; its rays serve
+  /// the middle of its exposure only. Threads: called from one, may use parallel_for.
+  virtual std::unique_ptr<FramePlan> prepare(const FrameContext& /*context*/, const FrameContext* /*before*/) const {
+    return nullptr;
+  }
 
   /// Writes the estimates of one tile to `out`.
   /// Shapes:  every layer of `outputs()` exists in `out` with the size of the crop window; tile coordinates are pixels
