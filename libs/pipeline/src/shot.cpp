@@ -198,6 +198,10 @@ void settle_classes(const ShotConfig& config, RenderSettings& s) {
   std::vector<std::string> expressions;
   std::vector<SourceLoc> locs;
   for (const auto& [key, value] : s.classes_are_decomposition ? parts : classes) {
+    if (expressions.size() == LightPathClassifier::kMaxExpressions) {
+      throw Error(ErrorCode::kOutOfRange, value.loc,
+                  fmt::format("there can be at most {} light-path classes", LightPathClassifier::kMaxExpressions));
+    }
     const std::string& name = key[0];
     const bool plain =
         std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-'; });
