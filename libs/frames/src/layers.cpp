@@ -48,9 +48,9 @@ LayerDesc uv() { return {"uv", {"U", "V"}, units::kTexture, Combine::kFirst}; }
 LayerDesc emission() { return {"emission", kRgb, units::kRadiance, Combine::kMean}; }
 LayerDesc motion_forward() { return {"motion.forward", kXyzv, units::kPixels, Combine::kFirst}; }
 LayerDesc motion_backward() { return {"motion.backward", kXyzv, units::kPixels, Combine::kFirst}; }
-LayerDesc grad_x() { return {"grad.x", kRgb, units::kRadiance, Combine::kMean}; }
-LayerDesc grad_y() { return {"grad.y", kRgb, units::kRadiance, Combine::kMean}; }
-LayerDesc grad_t() { return {"grad.t", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc grad_x() { return {"grad.x", kRgb, units::kRadianceDifference, Combine::kMean}; }
+LayerDesc grad_y() { return {"grad.y", kRgb, units::kRadianceDifference, Combine::kMean}; }
+LayerDesc grad_t() { return {"grad.t", kRgb, units::kRadianceDifference, Combine::kMean}; }
 LayerDesc grad_x_variance() { return {"grad.x.var", kRgb, units::kSquaredRadiance, Combine::kVariance}; }
 LayerDesc grad_y_variance() { return {"grad.y.var", kRgb, units::kSquaredRadiance, Combine::kVariance}; }
 LayerDesc source() { return {"source", {"X", "Y", "V"}, units::kPixelIndex, Combine::kFirst}; }

@@ -24,8 +24,9 @@ std::string_view to_string(Combine combine);
 
 /// Units of layers: the `unit` of a LayerDesc is one of these, or any text for layers outside the vocabulary.
 namespace units {
-inline constexpr const char* kRadiance = "radiance, scene-linear Rec. 709";  ///< W/(m^2 sr)
-inline constexpr const char* kReflectance = "reflectance, linear Rec. 709";  ///< in [0,1]
+inline constexpr const char* kRadiance = "radiance, scene-linear Rec. 709";   ///< W/(m^2 sr)
+inline constexpr const char* kRadianceDifference = "difference of radiance";  ///< between pixels or frames
+inline constexpr const char* kReflectance = "reflectance, linear Rec. 709";   ///< in [0,1]
 inline constexpr const char* kDirection = "unit vector, world space";
 inline constexpr const char* kMeters = "meters";
 inline constexpr const char* kWorld = "meters, world space";

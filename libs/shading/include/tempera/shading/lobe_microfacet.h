@@ -85,6 +85,7 @@ struct RoughInterfaceLobe {
 template <class Fresnel>
 struct RoughPassageLobe {
   static constexpr bool kDelta = false;
+  static constexpr bool kPasses = true;
   Microfacet microfacet;
   Fresnel fresnel;
   float roughness() const { return microfacet.roughness(); }
