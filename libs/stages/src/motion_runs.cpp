@@ -7,13 +7,13 @@
 
 namespace tempera {
 
-PixelMotion::PixelMotion(int width, int height)
+PixelMap::PixelMap(int width, int height)
     : width_(width),
       height_(height),
       forward_(std::size_t(width) * std::size_t(height), -1),
       backward_(forward_.size(), -1) {}
 
-bool PixelMotion::link(int from_x, int from_y, int to_x, int to_y) {
+bool PixelMap::link(int from_x, int from_y, int to_x, int to_y) {
   const auto inside = [&](int x, int y) { return x >= 0 && y >= 0 && x < width_ && y < height_; };
   if (!inside(from_x, from_y) || !inside(to_x, to_y)) return false;
   std::int32_t &to = forward_[index(from_x, from_y)], &from = backward_[index(to_x, to_y)];
@@ -23,7 +23,7 @@ bool PixelMotion::link(int from_x, int from_y, int to_x, int to_y) {
   return true;
 }
 
-MotionRuns::MotionRuns(const PixelMotion& motion, const MotionRunOptions& options,
+MotionRuns::MotionRuns(const PixelMap& motion, const MotionRunOptions& options,
                        std::span<const std::uint8_t> sampled_next)
     : count_(motion.count()) {
   const int w = motion.width(), h = motion.height();

@@ -454,7 +454,7 @@ struct Vectors {
 /// Source: [Hestenes 1952], one scalar a channel; beta comes from a prediction of the next residual's norm, so that one
 /// pass updates all vectors, and the norm is then computed afresh, which keeps the method stable [Chen 2020].
 int conjugate_gradients(const PoissonSystem& system, int steps, PlanarFrames& x, Vectors& v, double& residual,
-                        const std::stop_token& stop) {
+                        const std::function<void()>& before_step) {
   ChannelSums norm = system.descent(x, v.r);
   const ChannelSums start = norm;
   parallel_for(0, x.height(), [&](std::int64_t y) {
@@ -468,7 +468,7 @@ int conjugate_gradients(const PoissonSystem& system, int steps, PlanarFrames& x,
     bool active = false;
     for (std::size_t c = 0; c < 3; ++c) active = active || norm[c] > kConverged * start[c];
     if (!active) break;
-    if (stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped");
+    before_step();
     ChannelSums pq{}, qq{}, alpha{}, beta{};
     system.apply(v.p, v.q, pq, qq);
     for (std::size_t c = 0; c < 3; ++c) {
@@ -514,7 +514,7 @@ PoissonSettings PoissonSettings::published() {
 }
 
 PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const PoissonSettings& settings,
-                            PlanarFrames& x, std::stop_token stop) {
+                            PlanarFrames& x, std::stop_token stop, const PoissonProgress& progress) {
   TEMPERA_ASSERT(!window.empty() && x.frames() == int(window.size()) && x.width() == window[0]->width() &&
                  x.height() == window[0]->height());
   const int w = x.width(), h = x.height(), frames = x.frames();
@@ -522,23 +522,28 @@ PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const P
   Vectors v{PlanarFrames(w, h, frames), {}, {}};
   PoissonReport report;
   const bool l1 = settings.norm == PoissonNorm::kL1;
+  const int rounds = l1 ? settings.rounds : 1, round_steps = l1 ? settings.round_steps : settings.l2_steps;
+  int round = 0;
   const auto steps = [&](int n) {
     if (v.p.frames() == 0) v.p = PlanarFrames(w, h, frames), v.q = PlanarFrames(w, h, frames);
-    report.steps += conjugate_gradients(system, n, x, v, report.residual, stop);
+    int step = 0;
+    report.steps += conjugate_gradients(system, n, x, v, report.residual, [&] {
+      if (stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped");
+      if (progress) progress((round + double(step++) / n) / rounds);
+    });
   };
   if (system.is_separable()) {
     system.descent(x, v.r);
     solve_separable(system, v.r, x);
     report.direct = true;
   } else {
-    steps(l1 ? settings.round_steps : settings.l2_steps);
+    steps(round_steps);
   }
-  if (!l1) return report;
   const double mean = mean_luminance(window), unit = settings.relative && mean > 0 ? mean : 1;
-  for (int k = 1; k < settings.rounds; ++k) {
-    const double epsilon = unit * std::max(settings.epsilon_floor, settings.epsilon * std::exp2(1 - k));
+  for (round = 1; round < rounds; ++round) {
+    const double epsilon = unit * std::max(settings.epsilon_floor, settings.epsilon * std::exp2(1 - round));
     report.objective = system.reweight(x, epsilon, unit);
-    steps(settings.round_steps);
+    steps(round_steps);
   }
   return report;
 }

@@ -10,8 +10,8 @@
 namespace tempera {
 namespace {
 
-TEST(PixelMotion, LinksAreOneToOneAndInside) {
-  PixelMotion m(4, 3);
+TEST(PixelMap, LinksAreOneToOneAndInside) {
+  PixelMap m(4, 3);
   EXPECT_TRUE(m.link(0, 0, 3, 2));
   EXPECT_FALSE(m.link(0, 0, 1, 1)) << "it has a partner";
   EXPECT_FALSE(m.link(1, 1, 3, 2)) << "its target has one";
@@ -28,7 +28,7 @@ TEST(MotionRuns, HoldEveryPairAndEveryMixedDifferenceOnce) {
   for (const bool strict : {false, true}) {
     for (const bool voids : {false, true}) {
       const int w = 37, h = 23;
-      const PixelMotion m = test::random_motion(w, h, 5);
+      const PixelMap m = test::random_motion(w, h, 5);
       const std::vector<std::uint8_t> sampled = voids ? test::random_mask(w, h, 0.9, 6) : std::vector<std::uint8_t>();
       const MotionRuns runs(m, {.mixed = true, .strict_mixed = strict}, sampled);
       const auto expected = [&](int x, int y, int ex, int ey) {
@@ -70,7 +70,7 @@ TEST(MotionRuns, HoldEveryPairAndEveryMixedDifferenceOnce) {
 }
 
 TEST(MotionRuns, APanIsOneRunARow) {
-  PixelMotion m(700, 4);
+  PixelMap m(700, 4);
   for (int y = 0; y < 3; ++y) {
     for (int x = 0; x < 700; ++x) m.link(x, y, x + 2, y + 1);
   }
@@ -84,7 +84,7 @@ TEST(MotionRuns, APanIsOneRunARow) {
 
 TEST(MotionRuns, KnowsWhenNothingMoves) {
   const auto still = [](const MotionRunOptions& options) {
-    PixelMotion m(5, 4);
+    PixelMap m(5, 4);
     for (int y = 0; y < 4; ++y) {
       for (int x = 0; x < 5; ++x) m.link(x, y, x, y);
     }
@@ -95,7 +95,7 @@ TEST(MotionRuns, KnowsWhenNothingMoves) {
   EXPECT_TRUE(still({.strict_mixed = true}).has_all_mixed());
   EXPECT_TRUE(still({.mixed = false}).is_identity());
   EXPECT_FALSE(still({.mixed = false}).has_all_mixed());
-  PixelMotion holes(5, 4);
+  PixelMap holes(5, 4);
   holes.link(1, 1, 1, 1);
   EXPECT_FALSE(MotionRuns(holes).is_identity());
 }

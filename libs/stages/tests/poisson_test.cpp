@@ -17,7 +17,7 @@ using test::Window;
 
 /// The rows of A from the map itself, without runs.
 template <class F>
-void rows_of_definition(const std::vector<PixelMotion>& motion, const std::vector<std::vector<std::uint8_t>>& sampled,
+void rows_of_definition(const std::vector<PixelMap>& motion, const std::vector<std::vector<std::uint8_t>>& sampled,
                         int w, int h, int frames, F&& row) {
   for (int t = 0; t < frames; ++t) {
     for (int y = 0; y < h; ++y) {
@@ -71,7 +71,7 @@ struct RandomSystem {
     rows_of_definition(motion, sampled, w, h, frames, row);
   }
   int w, h, frames;
-  std::vector<PixelMotion> motion;
+  std::vector<PixelMap> motion;
   std::vector<std::vector<std::uint8_t>> sampled;
   Window window;
 };
@@ -222,7 +222,7 @@ TEST(Poisson, ReproducesExactData) {
 }
 
 /// The window seen backwards in time.
-Window reversed(const Window& in, const std::vector<PixelMotion>& motion) {
+Window reversed(const Window& in, const std::vector<PixelMap>& motion) {
   const int w = in.truth.width(), h = in.truth.height(), n = in.truth.frames();
   Window out(w, h, n);
   for (int t = 0; t < n; ++t) {
@@ -236,9 +236,9 @@ Window reversed(const Window& in, const std::vector<PixelMotion>& motion) {
       }
     }
     if (t + 1 == n) continue;
-    const PixelMotion& m = motion[std::size_t(n - 2 - t)];
+    const PixelMap& m = motion[std::size_t(n - 2 - t)];
     const PoissonFrame& pair = *in.frames[std::size_t(n - 2 - t)];
-    PixelMotion back(w, h);
+    PixelMap back(w, h);
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
         const Vec2<int> i = m.backward(x, y);
@@ -267,7 +267,7 @@ PoissonSettings few_steps(PoissonNorm norm) {
 TEST(Poisson, TimeReversalGivesTheSamePictures) {
   const int w = 48, h = 40, n = 4;
   Window forward(w, h, n);
-  std::vector<PixelMotion> motion;
+  std::vector<PixelMap> motion;
   for (int t = 0; t + 1 < n; ++t) {
     motion.push_back(test::random_motion(w, h, std::uint64_t(t) + 31));
     forward.frames[std::size_t(t)]->motion = MotionRuns(motion.back());
@@ -298,7 +298,7 @@ TEST(Poisson, MirroredDataGiveMirroredPictures) {
       return horizontal ? Vec2<int>{w - 1 - p.x, p.y} : Vec2<int>{p.x, h - 1 - p.y};
     };
     for (int t = 0; t + 1 < n; ++t) {
-      PixelMotion m(w, h), mirrored(w, h);
+      PixelMap m(w, h), mirrored(w, h);
       for (int y = 0; y < h; ++y) {
         for (int x = 0; x < w; ++x) {
           const Vec2<int> from = mirror({x, y}), to = mirror({x + 3, y - 2});
@@ -341,7 +341,7 @@ TEST(Poisson, MirroredDataGiveMirroredPictures) {
 
 Window still_window(int w, int h, int n, std::uint64_t seed) {
   Window window(w, h, n);
-  PixelMotion still(w, h);
+  PixelMap still(w, h);
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) still.link(x, y, x, y);
   }

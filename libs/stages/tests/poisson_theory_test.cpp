@@ -127,8 +127,8 @@ TEST(PoissonTheory, ClosedFormsAtTheEnds) {
 
 constexpr int kSize = 64, kFrames = 10;
 
-PixelMotion still(int w, int h) {
-  PixelMotion m(w, h);
+PixelMap still(int w, int h) {
+  PixelMap m(w, h);
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) m.link(x, y, x, y);
   }

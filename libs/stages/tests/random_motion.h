@@ -9,8 +9,8 @@
 
 namespace tempera::test {
 
-inline PixelMotion random_motion(int width, int height, std::uint64_t seed) {
-  PixelMotion m(width, height);
+inline PixelMap random_motion(int width, int height, std::uint64_t seed) {
+  PixelMap m(width, height);
   const auto random = [&](std::uint64_t x, std::uint64_t y, std::uint64_t k, int n) {
     return int(hash_key(seed, x, y, k) % std::uint64_t(n));
   };

@@ -144,7 +144,7 @@ inline Window pan_with_discs(int width, int height, int count, int discs = 14) {
   };
   parallel_for(0, count, [&](std::int64_t n) {
     const int t = int(n);
-    PixelMotion motion(width, height);
+    PixelMap motion(width, height);
     for (int y = 0; y < height; ++y) {
       for (int x = 0; x < width; ++x) {
         const int d = object_at(x, y, t);

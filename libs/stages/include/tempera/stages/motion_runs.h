@@ -23,10 +23,10 @@ struct MotionRun {
 };
 
 /// Partial one-to-one map phi from the pixels of a frame to those of the next one, and which mixed differences exist.
-class PixelMotion {
+class PixelMap {
  public:
   /// Nothing corresponds.
-  PixelMotion(int width, int height);
+  PixelMap(int width, int height);
 
   int width() const { return width_; }
   int height() const { return height_; }
@@ -52,13 +52,13 @@ struct MotionRunOptions {
   bool strict_mixed = false;  ///< only where the neighbour moves along: phi(i + e) = phi(i) + e
 };
 
-/// The runs of a PixelMotion.
+/// The runs of a PixelMap.
 class MotionRuns {
  public:
   MotionRuns() = default;
   /// `sampled_next[y * width + x]` != 0: the pixel of the next frame has samples of the offset pass, so differences
   /// with it as the neighbour exist; empty: all have. Runs are at most kMaxLength long.
-  MotionRuns(const PixelMotion& motion, const MotionRunOptions& options = {},
+  MotionRuns(const PixelMap& motion, const MotionRunOptions& options = {},
              std::span<const std::uint8_t> sampled_next = {});
 
   static constexpr int kMaxLength = 512;

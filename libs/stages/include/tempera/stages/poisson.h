@@ -7,6 +7,7 @@
 // PoissonWeights::alpha, A -> the rows of a PoissonSystem, phi -> PoissonFrame::motion.
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <stop_token>
@@ -152,6 +153,9 @@ struct PoissonReport {
   double objective = 0;  ///< kL1: sum of norms before the last round
 };
 
+/// Called with the share of a window's work that is done, after each step. May throw, which ends the solution.
+using PoissonProgress = std::function<void(double share)>;
+
 /// Solves a window.
 /// Shapes:  x: the window's size and frames; in: the start, out: the solution.
 /// Units:   radiance.
@@ -159,6 +163,6 @@ struct PoissonReport {
 /// Errors:  Error{kCancelled} after `stop`.
 /// Source:  [Manzi 2016, Sec. 3.3]; [Chen 2020] for conjugate gradients with one pass over memory for all vectors.
 PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const PoissonSettings& settings,
-                            PlanarFrames& x, std::stop_token stop = {});
+                            PlanarFrames& x, std::stop_token stop = {}, const PoissonProgress& progress = {});
 
 }  // namespace tempera
