@@ -192,6 +192,11 @@ void compare(const Flags& flags, const std::stop_token& stop) {
   if (!flags.error_map.empty() && flags.tests.size() > 1) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "--error-map takes one picture or sequence at a time");
   }
+  const bool measures = !limits.empty() || !flags.csv.empty() || !flags.json.empty() || !flags.error_map.empty();
+  if (flags.reference.empty() && (flags.html.empty() || measures)) {
+    throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
+                "--reference is missing: without it, sequences can only be shown side by side, with --html");
+  }
 
   std::vector<CompareInput> tests;
   for (const std::string& t : flags.tests) tests.push_back(parse_compare_input(t));
@@ -210,10 +215,6 @@ void compare(const Flags& flags, const std::stop_token& stop) {
                                  .scale = flags.html_scale / 100});
   }
   if (!reference) {
-    if (!report || !limits.empty() || !flags.csv.empty() || !flags.json.empty() || !flags.error_map.empty()) {
-      throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
-                  "--reference is missing: without it, sequences can only be shown side by side, with --html");
-    }
     const CompareResult shown = show_sequences(tests, options, *report, progress);
     if (terminal) std::fprintf(stderr, "\r\033[K");
     finish_report(*report, shown, flags.html);
