@@ -165,6 +165,7 @@ void compare(const Flags& flags, const std::stop_token& stop) {
 
 std::vector<CatalogItem> metric_items() {
   std::vector<CatalogItem> out;
+  out.reserve(std::size(kMetrics));
   for (const Metric& m : kMetrics) out.push_back({m.name, m.help, {}});
   return out;
 }
@@ -181,6 +182,7 @@ void add_compare(Program& program) {
                     return 0;
                   });
   std::vector<std::string> names;
+  names.reserve(std::size(kMetrics));
   for (const Metric& m : kMetrics) names.emplace_back(m.name);
   command->add_option("tests", flags->tests, "pictures, folders or sequences to judge")
       ->required()
