@@ -75,7 +75,7 @@ const std::vector<CatalogCategory>& catalog() {
       {"layers", "what frames can hold", layer_items},
       {"filters", "pixel filters", filters},
       {"samplers", "random numbers", samplers},
-      {"stages", "what can follow a render", [] { return std::vector<CatalogItem>{}; }},
+      {"stages", "what can follow a render", stage_items},
       {"importers", "scene formats", importer_items},
       {"bsdfs", "materials that a shot can give", bsdfs},
       {"metrics", "what compare measures", metric_items},

@@ -27,7 +27,7 @@ bool gradient_pass(const FrameContext& context, const GradientOptions& options, 
                    const std::function<PixelKey(int, int)>& key, const std::string& prefix, Frame& out,
                    RenderCounters& counters, const std::stop_token& stop);
 
-/// Joins the two estimates of each difference: mean of g_ij minus mean of g_ji. [Manzi 2016, Eq. 3]
+/// Joins the two estimates of each difference: mean of g_ij minus mean of g_ji. [Manzi 2016, Eq. 1]
 void join_gradients(const std::string& prefix, Frame& out);
 
 /// Errors: Error{kUnsupported} for a rolling shutter, naming `integrator`.

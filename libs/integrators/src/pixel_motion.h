@@ -30,7 +30,7 @@ std::optional<PixelMotion> pixel_motion(const FrameContext& context, const Pixel
 void write_motion(const FrameContext& context, const Tile& tile, Frame& out);
 
 /// For each pixel of the crop window of a frame, row by row: the pixel of the frame before that shows the same matter,
-/// or {-1, -1}. One to one; depends on geometry alone. [Manzi 2016, Sec. 4.2]
+/// or {-1, -1}. One to one; depends on geometry alone. [Manzi 2016, Sec. 4.2.1]
 struct ReplayMap {
   int x0 = 0, y0 = 0, width = 0, height = 0;
   std::vector<std::array<int, 2>> sources;
