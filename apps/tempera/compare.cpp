@@ -244,6 +244,7 @@ void compare(const Flags& flags, const std::stop_token& stop) {
 
 std::vector<CatalogItem> metric_items() {
   std::vector<CatalogItem> out;
+  out.reserve(metric_catalog().size());
   for (const MetricInfo& m : metric_catalog()) out.push_back({std::string(m.id), std::string(m.help), {}});
   return out;
 }
@@ -261,6 +262,7 @@ void add_compare(Program& program) {
                     return 0;
                   });
   std::vector<std::string> names;
+  names.reserve(metric_catalog().size());
   for (const MetricInfo& m : metric_catalog()) names.emplace_back(m.id);
   command->add_option("tests", flags->tests, "pictures, folders or sequences to judge")
       ->required()
