@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <optional>
@@ -47,6 +48,7 @@ struct Flags {
   std::vector<std::string> tests, thresholds;
   std::string reference, metrics = "default", frames, csv, json, error_map, html, title, tone_map = "srgb";
   double html_scale = 100;  ///< percent
+  double trim_percent = 0;
   CompareOptions options;
   int threads = 0;
 };
@@ -188,6 +190,7 @@ void compare(const Flags& flags, const std::stop_token& stop) {
       options.metrics.emplace_back(limits.back().metric->id);
     }
   }
+  options.trim = flags.trim_percent / 100;
   if (!flags.frames.empty()) options.frames = parse_frame_set(flags.frames);
   if (!flags.error_map.empty() && flags.tests.size() > 1) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "--error-map takes one picture or sequence at a time");
@@ -201,8 +204,13 @@ void compare(const Flags& flags, const std::stop_token& stop) {
   std::vector<CompareInput> tests;
   for (const std::string& t : flags.tests) tests.push_back(parse_compare_input(t));
   const bool terminal = isatty(STDERR_FILENO);
+  const auto begin = std::chrono::steady_clock::now();
   const CompareProgress progress = [&](int done, int total) {
-    if (terminal) std::fprintf(stderr, "\r\033[Kframe %d of %d", done, total);
+    if (terminal) {
+      const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+      std::fprintf(stderr, "\r\033[K%d of %d pictures, %.0f s left", done, total,
+                   std::ceil(seconds * (total - done) / done));
+    }
     if (stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped; nothing was written");
   };
   std::optional<FrameSequence> reference;
@@ -244,27 +252,31 @@ void compare(const Flags& flags, const std::stop_token& stop) {
 
 std::vector<CatalogItem> metric_items() {
   std::vector<CatalogItem> out;
-  out.reserve(metric_catalog().size());
-  for (const MetricInfo& m : metric_catalog()) out.push_back({std::string(m.id), std::string(m.help), {}});
+  for (const MetricInfo& m : metric_catalog()) {
+    out.push_back({std::string(m.id), fmt::format("{}{}", m.help, m.is_default ? " (default)" : ""), {}});
+  }
   return out;
 }
 
 void add_compare(Program& program) {
   auto flags = std::make_shared<Flags>();
-  CLI::App* command =
-      program.add("compare", "Measure how far pictures or sequences are from a reference.",
-                  {"tempera compare out/noisy.####.exr --reference out/ref.####.exr",
-                   "tempera compare a.exr b.exr --reference ref.exr --metrics relmse --csv figures.csv",
-                   "tempera compare path/f.####.exr mlt/f.####.exr --reference ref/f.####.exr --html report.html",
-                   "tempera compare a.exr --reference ref.exr --threshold flip=0.05 --error-map diff.png"},
-                  [&program, flags] {
-                    with_threads(flags->threads, [&] { compare(*flags, program.stop); });
-                    return 0;
-                  });
-  std::vector<std::string> names;
-  names.reserve(metric_catalog().size());
-  for (const MetricInfo& m : metric_catalog()) names.emplace_back(m.id);
-  command->add_option("tests", flags->tests, "pictures, folders or sequences to judge")
+  CLI::App* command = program.add(
+      "compare", "Measure how far pictures or sequences are from a reference.",
+      {"tempera compare out/noisy.####.exr --reference out/ref.####.exr",
+       "tempera compare a.exr b.exr --reference ref.exr --metrics relmse --csv figures.csv",
+       "tempera compare path/f.####.exr mlt/f.####.exr --reference ref/f.####.exr --html report.html",
+       "tempera compare a.exr --reference ref.exr --threshold flip=0.05 --error-map diff.png",
+       "tempera compare path=out/path/f.####.exr mlt=out/mlt/f.####.exr -r out/ref/f.####.exr --json m.json",
+       "tempera compare 'out/seed*/f.####.exr' -r ref.exr --metrics relmse,bias_squared,variance",
+       "tempera compare out/f.####.exr -r ref.####.exr --threshold mean.relmse=0.01,ssim=0.9,flicker=1e-4"},
+      [&program, flags] {
+        with_threads(flags->threads, [&] { compare(*flags, program.stop); });
+        return 0;
+      });
+  command
+      ->add_option(
+          "tests", flags->tests,
+          "pictures, folders or sequences to judge, [NAME=]PATTERN; * makes a group of runs with different seeds")
       ->required()
       ->type_name("TEST...");
   command
@@ -273,14 +285,29 @@ void add_compare(Program& program) {
       ->type_name("REFERENCE");
   command
       ->add_option("--metrics", flags->metrics,
-                   fmt::format("what to measure: default, all, or of {} [default]", fmt::join(names, ", ")))
+                   "what to measure: default, all, and names that tempera list metrics shows [default]")
       ->type_name("A,B,C");
   command->add_option("-f,--frames", flags->frames, "frames to compare [all that both have]")->type_name("SET");
   command->add_option("--layer", flags->options.layer, "layer to compare [color]")->type_name("NAME");
-  command->add_option("--exposure", flags->options.exposure, "stops, for flip [0]")->type_name("STOPS");
+  command->add_option("--exposure", flags->options.exposure, "stops, for psnr, ssim and flip [0]")
+      ->type_name("STOPS")
+      ->check(CLI::Range(-64.0, 64.0).description(""));
   command
-      ->add_option("--threshold", flags->thresholds,
-                   "end with status 6 if a frame is worse than this; mean.METRIC: if the sequence is")
+      ->add_option("--trim", flags->trim_percent,
+                   "leave out the pixels with the largest errors, of squared errors; 0.1 is usual [0]")
+      ->type_name("PERCENT")
+      ->check(CLI::Range(0.0, 50.0).description(""));
+  command
+      ->add_option("--cutoff", flags->options.cutoff,
+                   "frequency above which residuals are flicker, in cycles per frame [0.25]")
+      ->type_name("F")
+      ->check(CLI::Range(0.001, 0.499).description(""));
+  command->add_option("--motion", flags->options.motion, "files with the reference's motion vectors [the reference]")
+      ->type_name("PATTERN");
+  command
+      ->add_option(
+          "--threshold", flags->thresholds,
+          "end with status 6 if a frame is worse than this, or for mean.METRIC the sequence; several with commas")
       ->allow_extra_args(false)
       ->type_name("METRIC=VALUE");
   command->add_option("--csv", flags->csv, "also write all figures to this file")->type_name("FILE");

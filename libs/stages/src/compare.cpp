@@ -66,11 +66,16 @@ CompareSide plan_side(const CompareInput& input, const FrameSequence& reference,
   const auto wanted = [&](int f) {
     return options.frames.empty() || std::find(options.frames.begin(), options.frames.end(), f) != options.frames.end();
   };
+  // Runs that are single pictures belong together whatever numbers their names hold.
+  const auto serves = [](const FrameSequence& run, int f) { return run.has(f) || run.path(f) == run.path(f + 1); };
+  bool common = false;
   for (const int f : input.runs.at(0).frames()) {
     const bool in_all_runs =
-        std::all_of(input.runs.begin(), input.runs.end(), [&](const FrameSequence& r) { return r.has(f); });
+        std::all_of(input.runs.begin(), input.runs.end(), [&](const FrameSequence& r) { return serves(r, f); });
+    common |= in_all_runs;
     if (wanted(f) && in_all_runs) (still || reference.has(f) ? side.frames : side.unmatched).push_back(f);
   }
+  if (!common) throw Error(ErrorCode::kBadInput, fmt::format("the runs of {} have no frame in common", input.name));
   if (side.frames.empty()) {
     throw Error(ErrorCode::kBadInput,
                 fmt::format("{} and the reference {} have no frame to compare", input.name, reference.pattern()));
@@ -705,19 +710,6 @@ const MetricSeries* CompareSide::find(std::string_view id) const {
     if (s.metric->id == id) return &s;
   }
   return nullptr;
-}
-
-CompareInput parse_compare_input(const std::string& text) {
-  CompareInput input;
-  input.name = text;
-  std::string pattern = text;
-  const auto equals = text.find('=');
-  if (equals != std::string::npos && equals > 0 && text.find('/') > equals && !std::filesystem::exists(text)) {
-    input.name = text.substr(0, equals);
-    pattern = text.substr(equals + 1);
-  }
-  input.runs.emplace_back(pattern);
-  return input;
 }
 
 CompareResult compare_sequences(const std::vector<CompareInput>& tests, const FrameSequence& reference,

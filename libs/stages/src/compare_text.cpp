@@ -136,18 +136,24 @@ std::string to_json(const CompareResult& result) {
                        {"scope", name_of(m->scope)},
                        {"better", name_of(m->better)},
                        {"formula", m->formula},
-                       {"source", m->source}});
+                       {"source", m->source},
+                       {"trim", m->trims ? o.trim : 0}});
   }
   Json j{{"reference", result.reference},
          {"layer", o.layer},
          {"width", result.width},
          {"height", result.height},
+         {"fps", result.fps},
+         {"reference_error",
+          {{"relmse", number(result.reference_error.mean)},
+           {"confidence_95", number(result.reference_error.confidence_95())}}},
          {"settings",
           {{"epsilon", o.epsilon},
            {"exposure", o.exposure},
            {"pixels_per_degree", o.pixels_per_degree},
            {"trim", o.trim},
-           {"cutoff", o.cutoff}}},
+           {"cutoff", o.cutoff},
+           {"motion", o.motion}}},
          {"notes", result.notes},
          {"metrics", std::move(metrics)},
          {"sides", Json::array()}};
@@ -157,7 +163,11 @@ std::string to_json(const CompareResult& result) {
 
 std::string to_csv(const CompareResult& result) {
   std::string text = "name,frame";
-  for (const MetricInfo* m : result.metrics) text += fmt::format(",{}", m->id);
+  const double trim = result.options.trim;
+  for (const MetricInfo* m : result.metrics) {
+    text += fmt::format(",{}", m->id);
+    if (m->trims && trim > 0) text += fmt::format("[without {:g}%]", trim * 100);
+  }
   text += ",non_finite\n";
   for (const CompareSide& s : result.sides) {
     std::int64_t non_finite = 0;
@@ -210,7 +220,21 @@ std::string to_table(const CompareResult& result) {
     add_side(fmt::format("{}", sum), "", "");
   }
   if (any) table.add(std::move(line));
-  std::string text = table.text();
+  std::string text = fmt::format("Reference: {}, layer {}, {}x{} pixels\n", result.reference, result.options.layer,
+                                 result.width, result.height);
+  text += table.text();
+  bool over_runs = false, over_frames = false;
+  for (const CompareSide& s : result.sides) {
+    for (const MetricSeries& m : s.series) {
+      if (!std::isnan(m.mean.standard_error)) (s.runs.size() > 1 ? over_runs : over_frames) = true;
+    }
+  }
+  if (over_runs || over_frames) {
+    text += fmt::format("±: 95 % confidence of the mean over {}\n", over_runs && over_frames
+                                                                        ? "runs, or over frames where there is one run"
+                                                                    : over_runs ? "runs"
+                                                                                : "frames");
+  }
   for (const std::string& note : result.notes) text += note + "\n";
   return text;
 }

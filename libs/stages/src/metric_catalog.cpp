@@ -164,7 +164,8 @@ const auto kEntries =
                   .title = "temporal error",
                   .help = "relMSE of the change since the frame before",
                   .formula =
-                      "mean over p, c of ((T_t - T_(t-1)) - (R_t - R_(t-1)))^2 / (R_t^2 + epsilon), epsilon = 0.01",
+                      "mean over p, c of ((T_t - T_(t-1)) - (R_t - R_(t-1)))^2 / ((R_t^2 + R_(t-1)^2) / 2 + epsilon), "
+                      "epsilon = 0.01",
                   .scope = MetricScope::kPair,
                   .has_map = true,
                   .trims = true,
@@ -197,7 +198,8 @@ const auto kEntries =
         {.info = {.id = "warp_error",
                   .title = "warp error",
                   .help = "relative squared change of what moves, along the reference's motion vectors",
-                  .formula = "mean over p, c of (T_t(p) - T_(t-1)(p + motion.backward(p)))^2 / (R_t^2 + epsilon)",
+                  .formula = "mean over p, c of (T_t(p) - T_(t-1)(q))^2 / ((R_t(p)^2 + R_(t-1)(q)^2) / 2 + epsilon), "
+                             "q = p + motion.backward(p)",
                   .source = "[Lai 2018]",
                   .scope = MetricScope::kPair,
                   .needs = MetricNeeds::kMotion,
@@ -207,8 +209,8 @@ const auto kEntries =
              [](const FrameBatch& b, Measurements out) {
                if (!b.previous) return;
                for_each_pair(b, out, [&](const TestFrame& t, Image* map) {
-                 return warp_error(*t.image, *t.before, b.reference, *b.previous, map, b.options.epsilon,
-                                   b.options.trim);
+                 return warp_error(*t.image, *t.before, b.reference, *b.reference_before, *b.previous, map,
+                                   b.options.epsilon, b.options.trim);
                });
              }},
         {.info = {.id = "motion_error",

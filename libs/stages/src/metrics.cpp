@@ -142,8 +142,9 @@ double encoded_ssim(const Image& test, const Image& reference) {
           const float a = window[0][x], b = window[1][x];
           const float var_t = window[2][x] - a * a, var_r = window[3][x] - b * b, covariance = window[4][x] - a * b;
           const float mean_t = a + 0.5f, mean_r = b + 0.5f;
-          const float means = (2 * mean_t * mean_r + kC1) / (mean_t * mean_t + mean_r * mean_r + kC1);
-          sum += double(means * ((2 * covariance + kC2) / (var_t + var_r + kC2)));
+          // Both factors, (2 u v + C) / (u^2 + v^2 + C), in a form that is exactly 1 for u = v.
+          const float means = 1 - (a - b) * (a - b) / (mean_t * mean_t + mean_r * mean_r + kC1);
+          sum += double(means * (1 - (var_t + var_r - 2 * covariance) / (var_t + var_r + kC2)));
         }
         rows[std::size_t(y - kRadius)] = sum;
       },

@@ -64,9 +64,14 @@ Image previous_positions(const Image& backward, const Image* forward_before) {
   return out;
 }
 
-PixelMean temporal_error(const Image& test, const Image& test_before, const Image& reference,
-                         const Image& reference_before, const Image* previous, Image* map, double epsilon,
-                         double trim) {
+namespace {
+
+/// Mean over pixels and channels of change(T, T', R, R')^2 / ((R^2 + R'^2) / 2 + epsilon), T' and R' at `previous`, or
+/// in place without it.
+template <class F>
+PixelMean mean_change(const Image& test, const Image& test_before, const Image& reference,
+                      const Image& reference_before, const Image* previous, Image* map, double epsilon, double trim,
+                      F&& change) {
   check_sizes(test, reference), check_sizes(test_before, reference), check_sizes(reference_before, reference);
   if (previous) check_sizes(*previous, reference);
   return mean_over_pixels(test.width(), test.height(), map, trim, [&](int x, int y) {
@@ -81,26 +86,26 @@ PixelMean temporal_error(const Image& test, const Image& test_before, const Imag
     const Rgb t = test.rgb(x, y), r = reference.rgb(x, y);
     double sum = 0;
     for (int c = 0; c < 3; ++c) {
-      const double change = (double(t[c]) - double(before_t[c])) - (double(r[c]) - double(before_r[c]));
-      sum += square(change) / (square(double(r[c])) + epsilon);
+      const double r0 = before_r[c], r1 = r[c];
+      sum += square(change(double(t[c]), double(before_t[c]), r1, r0)) / ((r1 * r1 + r0 * r0) / 2 + epsilon);
     }
     return std::isfinite(sum) ? sum / 3 : kNone;
   });
 }
 
-PixelMean warp_error(const Image& test, const Image& test_before, const Image& reference, const Image& previous,
-                     Image* map, double epsilon, double trim) {
-  check_sizes(test, reference), check_sizes(test_before, reference), check_sizes(previous, reference);
-  return mean_over_pixels(test.width(), test.height(), map, trim, [&](int x, int y) {
-    const Vec2f p = previous.vec2(x, y);
-    if (!is_position(p)) return kNone;
-    const Rgb t = test.rgb(x, y), before = test_before.rgb_bilinear(p), r = reference.rgb(x, y);
-    double sum = 0;
-    for (int c = 0; c < 3; ++c) {
-      sum += square(double(t[c]) - double(before[c])) / (square(double(r[c])) + epsilon);
-    }
-    return std::isfinite(sum) ? sum / 3 : kNone;
-  });
+}  // namespace
+
+PixelMean temporal_error(const Image& test, const Image& test_before, const Image& reference,
+                         const Image& reference_before, const Image* previous, Image* map, double epsilon,
+                         double trim) {
+  return mean_change(test, test_before, reference, reference_before, previous, map, epsilon, trim,
+                     [](double t1, double t0, double r1, double r0) { return (t1 - t0) - (r1 - r0); });
+}
+
+PixelMean warp_error(const Image& test, const Image& test_before, const Image& reference, const Image& reference_before,
+                     const Image& previous, Image* map, double epsilon, double trim) {
+  return mean_change(test, test_before, reference, reference_before, &previous, map, epsilon, trim,
+                     [](double t1, double t0, double, double) { return t1 - t0; });
 }
 
 PixelMean motion_error(const Image& test, const Image& reference, Image* map) {

@@ -126,13 +126,14 @@ CompareResult compare_sequences(const std::vector<CompareInput>& tests, const Fr
                                 const CompareOptions& options = {}, const CompareProgress& progress = {},
                                 CompareObserver* observer = nullptr);
 
-/// {"reference", "layer", "settings": {...}, "notes": [...], "metrics": [{"id", "title", "unit", "better", ...}],
-/// "sides": [{"name", "runs", "frames": [...], "mean": {id: ...}, "standard_error": {...}, "confidence_95": {...},
+/// {"reference", "layer", "width", "height", "fps", "reference_error": {"relmse", "confidence_95"}, "settings": {...},
+/// "notes": [...], "metrics": [{"id", "title", "unit", "scope", "better", "formula", "source", "trim"}], "sides":
+/// [{"name", "label", "runs", "frames": [...], "mean": {id: ...}, "standard_error": {...}, "confidence_95": {...},
 /// "values": {id: [one of each frame]}, "coverage", "spectra", "non_finite", "unmatched", "missing"}]}. What has no
 /// value, or an infinite one, is null.
 std::string to_json(const CompareResult& result);
-/// A line "name,frame,<id of each metric>,non_finite" for each frame, and lines with frame "mean" and "standard_error"
-/// for each side; what has no value is empty.
+/// A line "name,frame,<id of each metric>,non_finite" for each frame (a trimmed metric is "relmse[without 0.1%]"), and
+/// lines with frame "mean" and "standard_error" for each side; what has no value is empty.
 std::string to_csv(const CompareResult& result);
 /// The means as a table for people: a metric a line, with their 95 % confidence and the ratio to the first side.
 std::string to_table(const CompareResult& result);

@@ -85,20 +85,21 @@ FlipExposures flip_exposures(const Image& reference);
 /// Source: [Sundaram 2010].
 Image previous_positions(const Image& backward, const Image* forward_before = nullptr);
 
-/// Mean over pixels and channels of ((T - T') - (R - R'))^2 / (R^2 + epsilon), with T', R' the pictures before: the
-/// relMSE of what changes. With `previous` (see previous_positions), T' and R' are looked up bilinearly where each
-/// pixel came from, and pixels that came from nowhere are left out. DEVIATION from a plain relative_mse of the
-/// differences: relative to the reference's frame, not to its change, which is 0 wherever nothing moves and would make
-/// of the relative error an absolute one, and which wrong vectors enlarge.
+/// Mean over pixels and channels of ((T - T') - (R - R'))^2 / ((R^2 + R'^2) / 2 + epsilon), with T', R' the pictures
+/// before: the relMSE of what changes. With `previous` (see previous_positions), T' and R' are looked up bilinearly
+/// where each pixel came from, and pixels that came from nowhere are left out. DEVIATION from a plain relative_mse of
+/// the differences: relative to the reference's frames, not to their difference, which is 0 wherever nothing moves and
+/// would make of the relative error an absolute one, and which wrong vectors enlarge. So independent noise in
+/// proportion to brightness gives twice the relative_mse, whatever moves.
 PixelMean temporal_error(const Image& test, const Image& test_before, const Image& reference,
                          const Image& reference_before, const Image* previous = nullptr, Image* map = nullptr,
                          double epsilon = 1e-2, double trim = 0);
 
-/// Mean over pixels and channels of (T - T')^2 / (R^2 + epsilon), T' looked up at `previous`: how much what moves does
-/// not look as it did. Of the reference itself it tells how good the vectors are. Source: [Lai 2018], here
-/// relative.
-PixelMean warp_error(const Image& test, const Image& test_before, const Image& reference, const Image& previous,
-                     Image* map = nullptr, double epsilon = 1e-2, double trim = 0);
+/// Mean over pixels and channels of (T - T')^2 / ((R^2 + R'^2) / 2 + epsilon), T' and R' looked up at `previous`: how
+/// much what moves does not look as it did. Of the reference itself it tells how good the vectors are.
+/// Source: [Lai 2018], here relative.
+PixelMean warp_error(const Image& test, const Image& test_before, const Image& reference, const Image& reference_before,
+                     const Image& previous, Image* map = nullptr, double epsilon = 1e-2, double trim = 0);
 
 /// Mean distance between motion vectors, in pixels, over the pixels where both are valid.
 PixelMean motion_error(const Image& test, const Image& reference, Image* map = nullptr);
