@@ -34,11 +34,11 @@ std::string params_table(const std::vector<ParamSpec>& params) {
 }
 
 std::string commands_page(const CLI::App& app) {
-  std::string out = fmt::format("{}\n# Commands\n\n```text\n{}```\n", kNotice, app.help("tempera"));
+  std::string out = fmt::format("{}\n# Commands\n\n```text\n{}```\n", kNotice, app.get_formatter()->make_help(&app, "", CLI::AppFormatMode::Normal));
   for (const CLI::App* command : app.get_subcommands(nullptr)) {
     if (command->get_group().empty()) continue;
     out += fmt::format("\n## tempera {}\n\n```text\n{}```\n", command->get_name(),
-                       command->help("tempera " + command->get_name()));
+                       command->help("tempera"));
   }
   out += "\n## What there is to choose from\n\nAs `tempera list` shows it.\n";
   for (const CatalogCategory& c : catalog()) {

@@ -60,7 +60,7 @@ TEST(Cli, WrongUsageIsStatusTwoAndOneLine) {
       {"render", kScene, "-o", "/nowhere/f.exr", "--aov-names", "maya"},
       {"list", "films"},
       {"compare", "a.exr"},
-      {"compare", "a.exr", "--reference", "b.exr", "--metrics", "psnr"},
+      {"compare", "a.exr", "--reference", "b.exr", "--metrics", "pnsr"},
       {"compare", "a.exr", "--reference", "b.exr", "--threshold", "flip"},
   };
   for (const auto& arguments : wrong) {

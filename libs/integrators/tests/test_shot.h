@@ -6,6 +6,7 @@
 #include <cmath>
 #include <string>
 
+#include "support/effort.h"
 #include "tempera/core/parallel.h"
 #include "tempera/integrators/integrator.h"
 
@@ -71,15 +72,17 @@ struct TestShot {
     std::vector<std::string> expressions;
     for (const PathClass& c : settings.classes) expressions.push_back(c.expression);
     const LightPathClassifier classifier(expressions);
-    FrameContext context{scene, rays, lights, camera, classifier, settings, frame};
+    RenderSettings scaled = settings;
+    scaled.spp *= test::effort();
+    FrameContext context{scene, rays, lights, camera, classifier, scaled, frame};
     const TimeSpan exposed_before = settings.clock.exposure(frame - 1);
     const double middle = 0.5 * (exposed_before.begin + exposed_before.end);
     const RayScene rays_before(scene, {middle, middle}, {exposed_before.begin - 1, exposed_before.end + 1},
                                {.motion_step = step}, cache);
-    const FrameContext before{scene, rays_before, lights, camera, classifier, settings, frame - 1};
+    const FrameContext before{scene, rays_before, lights, camera, classifier, scaled, frame - 1};
     const auto plan = renderer->prepare(context, renderer->frames_before() ? &before : nullptr);
     context.plan = plan.get();
-    Frame out = make_frame(*renderer, settings, scene);
+    Frame out = make_frame(*renderer, scaled, scene);
     RenderCounters counters;
     const int nx = (settings.width + tile - 1) / tile, ny = (settings.height + tile - 1) / tile;
     parallel_for(0, nx * ny, [&](std::int64_t i) {

@@ -5,12 +5,14 @@
 
 #include "chi_square.h"
 #include "shading_test_util.h"
+#include "support/effort.h"
 #include "tempera/shading/spectrum.h"
 
 namespace tempera {
 namespace {
 
 using test::bsdf_of;
+using test::effort;
 using test::Random;
 
 struct Case {
@@ -164,7 +166,7 @@ TEST(BsdfStatistics, SamplesFollowTheDensity) {
       };
       outcomes.push_back({c.name + " at " + std::to_string(wo.z),
                           test::chi_square(
-                              sample, [&](const Vec3f& wi) { return bsdf.eval(wo, wi).pdf; }, 60000)});
+                              sample, [&](const Vec3f& wi) { return bsdf.eval(wo, wi).pdf; }, 60000 * effort())});
     }
   const double limit = 1 - std::pow(1 - kSignificance, 1.0 / double(outcomes.size()));
   for (const Outcome& o : outcomes) EXPECT_GT(o.result.p_value, limit) << o.what << ": " << o.result.report;
@@ -242,7 +244,7 @@ TEST(BsdfStatistics, SampleWeightsSumToTheIntegralAndEnergyIsNotGained) {
   for (const Case& c : cases())
     for (const Vec3f& wo : view_directions(c)) {
       const Bsdf bsdf = bsdf_of(*c.material, wo);
-      const Albedo a = albedo_of(bsdf, wo, c.eta, 20000, ++seed);
+      const Albedo a = albedo_of(bsdf, wo, c.eta, 20000 * effort(), ++seed);
       const double integral = a.quadrature[0] + a.quadrature[1] + a.quadrature[2];
       EXPECT_NEAR(a.mean, integral, 4.5 * a.standard_error + 4e-3 * integral) << c.name << " at " << wo.z;
       EXPECT_LE(a.power, 1 + 0.01 + double(c.gain)) << c.name << " at " << wo.z;
