@@ -202,10 +202,7 @@ void PoissonSystem::descend(const PlanarFrames& x, PlanarFrames& out, ChannelSum
   sums.for_each(h, [&](std::int64_t band, int y0, int y1) {
     std::array<double, 6> sum{};
     for (int t = 0; t < frames; ++t) {
-      const MotionRuns* next =
-          t + 1 < frames && window_[std::size_t(t)]->motion.count() > 0 ? &window_[std::size_t(t)]->motion : nullptr;
-      const MotionRuns* last =
-          t > 0 && window_[std::size_t(t) - 1]->motion.count() > 0 ? &window_[std::size_t(t) - 1]->motion : nullptr;
+      const MotionRuns *next = motion_from(t), *last = motion_from(t - 1);
       for (int y = y0; y < y1; ++y) {
         const bool has_up = y > 0, has_down = y + 1 < h;
         for (int c = 0; c < 3; ++c) {
@@ -297,8 +294,9 @@ double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double sca
         put(RowSet::kPrimal, t, y, 0, w, [=](int c, int i) { return mid[c][i] - bp[c][i]; });
         put(RowSet::kDx, t, y, 0, w - 1, [=](int c, int i) { return (mid[c][i + 1] - mid[c][i]) - bx[c][i]; });
         if (y + 1 < h) put(RowSet::kDy, t, y, 0, w, [=](int c, int i) { return (down[c][i] - mid[c][i]) - by[c][i]; });
-        if (t + 1 == frames || f.motion.count() == 0) continue;
-        for (const MotionRun& r : f.motion.from_row(y)) {
+        const MotionRuns* next = motion_from(t);
+        if (!next) continue;
+        for (const MotionRun& r : next->from_row(y)) {
           std::array<const float*, 3> p, q, p_below, q_below, bt, bxt, byt;
           for (int c = 0; c < 3; ++c) {
             const auto k = std::size_t(c);
@@ -328,8 +326,13 @@ float PoissonSystem::squared_weight(RowSet set, int t, int x, int y) const {
   return StoredWeight{squared_.row((std::int64_t(t) * height() + y) * kRowSets + int(set))}.at(x);
 }
 
+const MotionRuns* PoissonSystem::motion_from(int t) const {
+  const bool pair = linked_ && t >= 0 && t + 1 < frames();
+  return pair && window_[std::size_t(t)]->motion.count() > 0 ? &window_[std::size_t(t)]->motion : nullptr;
+}
+
 bool PoissonSystem::is_separable() const {
-  return std::all_of(window_.begin(), window_.end() - 1, [&](const PoissonFrame* f) {
+  return !linked_ || std::all_of(window_.begin(), window_.end() - 1, [&](const PoissonFrame* f) {
     return f->motion.is_identity() && (f->motion.has_all_mixed() || weights_.mixed == 0);
   });
 }
@@ -358,13 +361,15 @@ void transform_rows(PlanarFrames& x, const CosineTransform& transform, bool forw
   });
 }
 
-/// Divides by the eigenvalues of A^T A in the directions y and t, where x is already transformed.
-void divide_columns(PlanarFrames& x, const PoissonWeights& weights) {
+/// Divides by the eigenvalues of A^T A, where the rows are already transformed. `linked`: whether rows between frames
+/// count.
+void divide_columns(PlanarFrames& x, const PoissonWeights& weights, bool linked) {
   const int w = x.width(), h = x.height(), frames = x.frames();
   constexpr int kLanes = CosineTransform::kLanes;
   const CosineTransform in_y(h), in_t(frames);
   const auto eigenvalue = [](int k, int n) { return 2 - 2 * std::cos(kPiD * k / n); };  // of differences, free ends
   const double a2 = double(weights.alpha) * weights.alpha, s2 = double(weights.spatial) * weights.spatial;
+  linked = linked && frames > 1;
   const double t2 = double(weights.temporal) * weights.temporal, m2 = double(weights.mixed) * weights.mixed;
   const int blocks = (w + kLanes - 1) / kLanes;
   parallel_for(0, 3 * std::int64_t(blocks), [&](std::int64_t task) {
@@ -378,14 +383,14 @@ void divide_columns(PlanarFrames& x, const PoissonWeights& weights) {
     }
     for (int y = 0; y < h; ++y) {
       for (int t = 0; t < frames; ++t) std::copy_n(columns.row(t) + y * kLanes, kLanes, line.row(0) + t * kLanes);
-      if (frames > 1) in_t.forward(line.row(0), scratch);
+      if (linked) in_t.forward(line.row(0), scratch);
       for (int t = 0; t < frames; ++t) {
         for (int l = 0; l < kLanes; ++l) {
-          const double mu = eigenvalue(x0 + l, w) + eigenvalue(y, h), theta = eigenvalue(t, frames);
+          const double mu = eigenvalue(x0 + l, w) + eigenvalue(y, h), theta = linked ? eigenvalue(t, frames) : 0;
           line.row(0)[t * kLanes + l] *= float(1 / (a2 + s2 * mu + theta * (t2 + m2 * mu)));
         }
       }
-      if (frames > 1) in_t.inverse(line.row(0), scratch);
+      if (linked) in_t.inverse(line.row(0), scratch);
       for (int t = 0; t < frames; ++t) std::copy_n(line.row(0) + t * kLanes, kLanes, columns.row(t) + y * kLanes);
     }
     for (int t = 0; t < frames; ++t) {
@@ -395,11 +400,12 @@ void divide_columns(PlanarFrames& x, const PoissonWeights& weights) {
   });
 }
 
-/// x += solution of A^T A d = r for a separable system with uniform weights; r is used up.
+/// The solution of a separable system with uniform weights, from any x; r is working memory.
 void solve_separable(const PoissonSystem& system, PlanarFrames& r, PlanarFrames& x) {
+  system.descent(x, r);
   const CosineTransform in_x(r.width());
   transform_rows(r, in_x, true);
-  divide_columns(r, system.weights());
+  divide_columns(r, system.weights(), system.linked());
   transform_rows(r, in_x, false);
   parallel_for(0, r.height(), [&](std::int64_t y) {
     for (int t = 0; t < r.frames(); ++t) {
@@ -506,6 +512,7 @@ double mean_luminance(std::span<const PoissonFrame* const> window) {
 
 PoissonSettings PoissonSettings::published() {
   PoissonSettings s;
+  s.direct_start = false;
   s.l2_steps = 50;
   s.rounds = 20, s.round_steps = 50;
   s.epsilon = 0.05, s.epsilon_floor = 0;
@@ -533,10 +540,14 @@ PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const P
     });
   };
   if (system.is_separable()) {
-    system.descent(x, v.r);
     solve_separable(system, v.r, x);
     report.direct = true;
   } else {
+    if (settings.direct_start) {
+      system.set_linked(false);
+      solve_separable(system, v.r, x);
+      system.set_linked(true);
+    }
     steps(round_steps);
   }
   const double mean = mean_luminance(window), unit = settings.relative && mean > 0 ? mean : 1;

@@ -210,6 +210,7 @@ TEST(Poisson, ReproducesExactData) {
       }
       PoissonSettings settings;
       settings.norm = norm;
+      settings.direct_start = false;
       settings.l2_steps = 200;
       settings.rounds = 4, settings.round_steps = 150;
       solve_poisson(window.span(), settings, x);

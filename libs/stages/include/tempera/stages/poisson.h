@@ -109,19 +109,24 @@ class PoissonSystem {
   /// W^2 of the row of `set` at pixel (x, y) of frame t, which exists.
   float squared_weight(RowSet set, int t, int x, int y) const;
 
-  /// Whether all frames are linked pixel by pixel without motion, or there is one only: then uniform weights make A^T A
-  /// diagonal under a cosine transform.
+  /// Leaves out the rows between frames, or takes them in again.
+  void set_linked(bool linked) { linked_ = linked; }
+  bool linked() const { return linked_; }
+  /// Whether all frames are linked pixel by pixel without motion, or none: then uniform weights make A^T A diagonal
+  /// under a cosine transform.
   bool is_separable() const;
 
   const PoissonWeights& weights() const { return weights_; }
 
  private:
+  /// From frame t to the next one; null where there are no rows between them.
+  const MotionRuns* motion_from(int t) const;
   template <bool kStored, bool kData>
   void descend(const PlanarFrames& x, PlanarFrames& out, ChannelSums& x_out, ChannelSums& out_out) const;
 
   std::vector<const PoissonFrame*> window_;
   PoissonWeights weights_;
-  bool stored_ = false;
+  bool stored_ = false, linked_ = true;
   RowBlock<std::uint16_t> squared_;  // W^2 as bfloat16, rows (t, y, set); its rounding only changes W a little
 };
 
@@ -133,7 +138,10 @@ enum class PoissonNorm {
 struct PoissonSettings {
   PoissonNorm norm = PoissonNorm::kL1;
   PoissonWeights weights;
-  int l2_steps = 30;  ///< conjugate gradient steps of kL2
+  int l2_steps = 20;  ///< conjugate gradient steps of kL2
+  /// Starts from each frame's own solution, which a cosine transform gives exactly at the cost of about four steps,
+  /// instead of the given start: worth ten steps or more.
+  bool direct_start = true;
   /// kL1: rounds of reweighting (the first one has uniform weights), and steps in each.
   int rounds = 6, round_steps = 15;
   /// kL1: epsilon of round k = 1, 2, ... is max(epsilon_floor, epsilon / 2^(k - 1)), in units of the window's mean
@@ -157,7 +165,7 @@ struct PoissonReport {
 using PoissonProgress = std::function<void(double share)>;
 
 /// Solves a window.
-/// Shapes:  x: the window's size and frames; in: the start, out: the solution.
+/// Shapes:  x: the window's size and frames; in: the start (the primal data serve), out: the solution.
 /// Units:   radiance.
 /// Result:  the same bits for any number of threads. Exact data keep an exact start unchanged.
 /// Errors:  Error{kCancelled} after `stop`.
