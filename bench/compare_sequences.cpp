@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes what bench/compare_bench.py measures comparisons with: a reference that pans, with its motion vectors, and noisy
+// Writes what bench/compare.py measures comparisons with: a reference that pans, with its motion vectors, and noisy
 // versions of it, of which each has half of the variance of the one before.
 //
 //   compare_sequences FOLDER [--frames N] [--size WxH] [--methods N]
