@@ -22,7 +22,7 @@ TEST(Cli, Version) {
 TEST(Cli, HelpHasExamplesForEveryCommand) {
   const Outcome top = run({"--help"});
   EXPECT_EQ(top.status, 0);
-  for (const char* command : {"render", "run", "info", "list", "video", "compare"}) {
+  for (const char* command : {"render", "run", "info", "list", "reconstruct", "video", "compare"}) {
     EXPECT_NE(top.out.find(fmt::format("\n  {} ", command)), std::string::npos) << command;
     const Outcome o = run({command, "--help"});
     EXPECT_EQ(o.status, 0) << command;

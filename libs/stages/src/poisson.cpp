@@ -23,7 +23,7 @@ struct UniformWeight {
   float at(int) const { return value; }
 };
 struct StoredWeight {
-  const std::uint16_t* p;
+  const BFloat16* p;
   float at(int i) const { return std::bit_cast<float>(std::uint32_t(p[i]) << 16); }
 };
 struct NoData {
@@ -34,9 +34,9 @@ struct RowData {
   float at(int i) const { return p[i]; }
 };
 
-std::uint16_t to_bfloat16(float v) {
+BFloat16 to_bfloat16(float v) {
   const auto bits = std::bit_cast<std::uint32_t>(v);
-  return std::uint16_t((bits + 0x7fffu + (bits >> 16 & 1u)) >> 16);
+  return BFloat16((bits + 0x7fffu + (bits >> 16 & 1u)) >> 16);
 }
 
 /// out = A^T W^2 (A x - b) of the primal and spatial rows for one row of pixels and one channel.
@@ -137,6 +137,12 @@ class BandSums {
 };
 
 }  // namespace
+
+void PoissonFrame::set_precision(RowSet set, int y, std::span<const float> values) {
+  if (!has_precision()) precision_ = RowBlock<BFloat16>(width(), std::int64_t(kRowSets) * height_);
+  BFloat16* out = precision_.row(std::int64_t(y) * kRowSets + int(set));
+  for (std::size_t i = 0; i < values.size(); ++i) out[i] = to_bfloat16(values[i]);
+}
 
 PoissonSystem::PoissonSystem(std::span<const PoissonFrame* const> window, const PoissonWeights& weights)
     : window_(window.begin(), window.end()), weights_(weights) {
@@ -251,27 +257,47 @@ ChannelSums PoissonSystem::descent(const PlanarFrames& x, PlanarFrames& out) con
   return out_out;
 }
 
+void PoissonSystem::set_precise() {
+  const int w = width(), h = height(), frames = this->frames();
+  if (squared_.rows() == 0) squared_ = RowBlock<BFloat16>(w, std::int64_t(kRowSets) * h * frames);
+  stored_ = true;
+  parallel_for(0, std::int64_t(frames) * h, [&](std::int64_t row) {
+    for (int set = 0; set < kRowSets; ++set) {
+      const StoredWeight precision{window_[std::size_t(row / h)]->precision(RowSet(set), int(row % h))};
+      const float w0 = weights_.of(RowSet(set));
+      BFloat16* out = squared_.row(row * kRowSets + set);
+      for (int i = 0; i < w; ++i) out[i] = to_bfloat16(w0 * w0 * precision.at(i));
+    }
+  });
+}
+
 double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double scale) {
   const int w = width(), h = height(), frames = this->frames();
-  if (squared_.rows() == 0) squared_ = RowBlock<std::uint16_t>(w, std::int64_t(kRowSets) * h * frames);
+  if (squared_.rows() == 0) squared_ = RowBlock<BFloat16>(w, std::int64_t(kRowSets) * h * frames);
   stored_ = true;
   const float eps = float(epsilon);
   BandSums<std::array<double, 1>> sums(h);
   sums.for_each(h, [&](std::int64_t band, int y0, int y1) {
     double total = 0;
-    // Weights of `n` rows of `set` from pixel i0 on; residual(c, i) is A x - b without the uniform weight.
+    // Weights of `n` rows of `set` from pixel i0 on; residual(c, i) is A x - b without a weight.
     const auto put = [&](RowSet set, int t, int y, int i0, int n, const auto& residual) {
-      std::uint16_t* out = squared_.row((std::int64_t(t) * h + y) * kRowSets + int(set)) + i0;
-      const float w0 = weights_.of(set), top = float(scale) * w0 * w0;
+      BFloat16* out = squared_.row((std::int64_t(t) * h + y) * kRowSets + int(set)) + i0;
+      const PoissonFrame& f = *window_[std::size_t(t)];
+      const StoredWeight precision{f.has_precision() ? f.precision(set, y) + i0 : nullptr};
+      const float uniform = weights_.of(set) * weights_.of(set), top = float(scale);
       constexpr int kChunk = 256;
-      float norm[kChunk];
+      float norm[kChunk], square[kChunk];
       for (int begin = 0; begin < n; begin += kChunk) {
         const int m = std::min(kChunk, n - begin);
+        for (int k = 0; k < m; ++k) square[k] = uniform;
+        if (precision.p) {
+          for (int k = 0; k < m; ++k) square[k] *= precision.at(begin + k);
+        }
         for (int k = 0; k < m; ++k) {
           const int i = begin + k;
           const float a = residual(0, i), b = residual(1, i), c = residual(2, i);
-          norm[k] = w0 * std::sqrt(a * a + b * b + c * c);
-          out[i] = to_bfloat16(top / (norm[k] + eps));
+          norm[k] = std::sqrt(square[k] * (a * a + b * b + c * c));
+          out[i] = to_bfloat16(top * square[k] / (norm[k] + eps));
         }
         float lane[kSumLanes] = {};
         int k = 0;
@@ -539,7 +565,8 @@ PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const P
       if (progress) progress((round + double(step++) / n) / rounds);
     });
   };
-  if (system.is_separable()) {
+  const bool precise = window[0]->has_precision();
+  if (system.is_separable() && !precise) {
     solve_separable(system, v.r, x);
     report.direct = true;
   } else {
@@ -548,6 +575,7 @@ PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const P
       solve_separable(system, v.r, x);
       system.set_linked(true);
     }
+    if (precise) system.set_precise();
     steps(round_steps);
   }
   const double mean = mean_luminance(window), unit = settings.relative && mean > 0 ? mean : 1;

@@ -47,6 +47,9 @@ class PlanarFrames {
   RowBlock<float> block_;
 };
 
+/// The upper half of a float, rounded to nearest: weights need range, and no more than eight bits of mantissa.
+using BFloat16 = std::uint16_t;
+
 /// One frame of a window: the data of its rows, and where its pixels are in the next frame.
 class PoissonFrame {
  public:
@@ -56,7 +59,14 @@ class PoissonFrame {
   /// b of channel `c` in row `y`, indexed by the pixel i of this frame. Units: radiance.
   float* data(RowSet set, int y, int c) { return data_.row(index(set, y, c)); }
   const float* data(RowSet set, int y, int c) const { return data_.row(index(set, y, c)); }
-  std::size_t bytes() const { return data_.bytes(); }
+  std::size_t bytes() const { return data_.bytes() + precision_.bytes(); }
+
+  /// Sets the precision of the rows of a set at the pixels of row `y`, from the first one on: their squared weights are
+  /// multiplied by it. Statistically it is a reference variance over that of the datum. 1 for all rows until this is
+  /// called; then 0 for those that it was not called for. Pre: all frames of a window have precisions, or none.
+  void set_precision(RowSet set, int y, std::span<const float> values);
+  bool has_precision() const { return precision_.rows() > 0; }
+  const BFloat16* precision(RowSet set, int y) const { return precision_.row(std::int64_t(y) * kRowSets + int(set)); }
 
   /// To the next frame. Without runs (as constructed) there are no rows between the frames.
   MotionRuns motion;
@@ -65,6 +75,7 @@ class PoissonFrame {
   std::int64_t index(RowSet set, int y, int c) const { return (std::int64_t(y) * kRowSets + int(set)) * 3 + c; }
   int height_;
   RowBlock<float> data_;
+  RowBlock<BFloat16> precision_;
 };
 
 /// Weights of the kinds of rows, inside of the norm: alpha 0.2 makes the primal rows count 0.04 in the normal
@@ -99,12 +110,14 @@ class PoissonSystem {
   ChannelSums descent(const PlanarFrames& x, PlanarFrames& out) const;
 
   /// Weights of iteratively reweighted least squares for the sum of norms |W0 (A x - b)| of RGB vectors, where W0 are
-  /// the uniform weights: W^2 = scale W0^2 / (|W0 (A x - b)| + epsilon). The minimum of the reweighted squares moves to
-  /// that of Fair's loss, which is quadratic below epsilon and linear above. Source: [Manzi 2016, Eq. 3], p = 1.
-  /// Returns the sum of norms at x, over all rows. Pre: epsilon > 0.
+  /// the weights without reweighting: W^2 = scale W0^2 / (|W0 (A x - b)| + epsilon). The minimum of the reweighted
+  /// squares moves to that of Fair's loss, which is quadratic below epsilon and linear above. Source: [Manzi 2016, Eq.
+  /// 3], p = 1. Returns the sum of norms at x, over all rows. Pre: epsilon > 0.
   double reweight(const PlanarFrames& x, double epsilon, double scale);
-  /// Back to uniform weights.
+  /// Weights that depend on the set alone.
   void set_uniform() { stored_ = false; }
+  /// Those times the precisions of the rows. Pre: the frames have them.
+  void set_precise();
 
   /// W^2 of the row of `set` at pixel (x, y) of frame t, which exists.
   float squared_weight(RowSet set, int t, int x, int y) const;
@@ -127,7 +140,7 @@ class PoissonSystem {
   std::vector<const PoissonFrame*> window_;
   PoissonWeights weights_;
   bool stored_ = false, linked_ = true;
-  RowBlock<std::uint16_t> squared_;  // W^2 as bfloat16, rows (t, y, set); its rounding only changes W a little
+  RowBlock<BFloat16> squared_;  // W^2, rows (t, y, set)
 };
 
 enum class PoissonNorm {
