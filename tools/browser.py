@@ -93,7 +93,7 @@ class Browser:
         self._call("POST", self._path("/url"), {"url": address + (f"#{fragment}" if fragment else "")})
 
     def run(self, script: str, *arguments):
-        """The value that the body of a function, `script`, returns for `arguments`; promises are awaited."""
+        """The value that the body of a function, `script`, returns for `args`; promises are awaited."""
         body = ("const done = arguments[arguments.length - 1];"
                 "(async (...args) => {" + script + "})(...[...arguments].slice(0, -1))"
                 ".then((value) => done({ value }), (error) => done({ error: String(error && error.stack || error) }));")

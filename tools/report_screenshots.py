@@ -74,8 +74,9 @@ def main() -> int:
                 browser.run("await temperaReport.settled()")
                 if "pixel=" in address and "panel=false" not in address:
                     # The plot and the slices need the room that the other figures take.
-                    browser.run("""for (const id of ["metrics", "frames"]) document.getElementById(id)?.removeAttribute("open");
-                                   document.getElementById("pixel").scrollIntoView();
+                    browser.run("""for (const id of ["metrics", "frames"]) {
+                                     document.getElementById(id)?.removeAttribute("open");
+                                   }
                                    await temperaReport.settled();""")
                 if errors := browser.run("return temperaReport.errors"):
                     raise BrowserError("; ".join(errors))

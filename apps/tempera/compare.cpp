@@ -47,8 +47,7 @@ std::vector<std::string> split_list(const std::string& text) {
 struct Flags {
   std::vector<std::string> tests, thresholds;
   std::string reference, metrics = "default", frames, csv, json, error_map, html, title, tone_map = "srgb";
-  double html_scale = 100;  ///< percent
-  double trim_percent = 0;
+  double trim_percent = 0, html_scale_percent = 100;
   CompareOptions options;
   int threads = 0;
 };
@@ -152,6 +151,9 @@ class Observers final : public CompareObserver {
     }
     return out;
   }
+  bool motion() const override {
+    return std::any_of(all_.begin(), all_.end(), [](const CompareObserver* o) { return o->motion(); });
+  }
   void reference(int frame, const Image& image, const Image* backward, const Image* forward) override {
     for (CompareObserver* o : all_) o->reference(frame, image, backward, forward);
   }
@@ -220,7 +222,7 @@ void compare(const Flags& flags, const std::stop_token& stop) {
     report.emplace(flags.html, tests, reference ? &*reference : nullptr, options,
                    ReportOptions{.title = flags.title,
                                  .display = {.exposure = options.exposure, .tone_map = parse_tone_map(flags.tone_map)},
-                                 .scale = flags.html_scale / 100});
+                                 .scale = flags.html_scale_percent / 100});
   }
   if (!reference) {
     const CompareResult shown = show_sequences(tests, options, *report, progress);
@@ -264,9 +266,8 @@ void add_compare(Program& program) {
       "compare", "Measure how far pictures or sequences are from a reference.",
       {"tempera compare out/noisy.####.exr --reference out/ref.####.exr",
        "tempera compare a.exr b.exr --reference ref.exr --metrics relmse --csv figures.csv",
-       "tempera compare path/f.####.exr mlt/f.####.exr --reference ref/f.####.exr --html report.html",
+       "tempera compare path=out/path/f.####.exr mlt=out/mlt/f.####.exr -r out/ref/f.####.exr --html report.html",
        "tempera compare a.exr --reference ref.exr --threshold flip=0.05 --error-map diff.png",
-       "tempera compare path=out/path/f.####.exr mlt=out/mlt/f.####.exr -r out/ref/f.####.exr --json m.json",
        "tempera compare 'out/seed*/f.####.exr' -r ref.exr --metrics relmse,bias_squared,variance",
        "tempera compare out/f.####.exr -r ref.####.exr --threshold mean.relmse=0.01,ssim=0.9,flicker=1e-4"},
       [&program, flags] {
@@ -321,7 +322,9 @@ void add_compare(Program& program) {
   command->add_option("--title", flags->title, "of the page [the names of the sequences]")->type_name("TEXT");
   command->add_option("--tone-map", flags->tone_map, "that the page begins with: srgb, filmic, none [srgb]")
       ->type_name("NAME");
-  command->add_option("--html-scale", flags->html_scale, "percentage of the frames' size that the page stores [100]")
+  command
+      ->add_option("--html-scale", flags->html_scale_percent,
+                   "percentage of the frames' size that the page stores [100]")
       ->type_name("PERCENT")
       ->check(CLI::Range(1.0, 100.0).description(""));
   command->add_option("--threads", flags->threads, "threads; 0: one per core [0]")

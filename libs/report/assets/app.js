@@ -46,7 +46,6 @@ class App {
       split: 0.5,
       zoom: 0,
       center: null,
-      compensate: false,
       pixel: null,
       origin: null,
       track: false,
@@ -61,6 +60,11 @@ class App {
     this.playing = false;
     this.blinking = false;
     this.ready = new Promise((resolve) => (this.markReady = resolve));
+  }
+
+  /** Whether there are two things to compare. */
+  get hasChoice() {
+    return this.data.sides.length > 1 || this.maps.length > 0;
   }
 
   get hasMotion() {
@@ -131,6 +135,7 @@ class App {
     if (!sides[slot.side].frames.includes(frame)) return `${label} has no frame ${frame}`;
     if (slot.map?.stored && slot.side === reference) return `${slot.map.title} compares with this sequence`;
     if (slot.map?.before && frame === frames[0]) return "there is no frame before the first";
+    if (slot.map?.motion && !this.data.motion.backward.includes(frame)) return `frame ${frame} has no motion vectors`;
     if (slot.map?.base && !sides[base].frames.includes(frame)) return `${sides[base].label} has no frame ${frame}`;
     return slot.map?.before ? "the frame before is missing" : "there is no map of this frame";
   }
@@ -141,7 +146,7 @@ class App {
     const before = this.state;
     this.state = { ...before, ...changes };
     const changed = (...keys) => force || keys.some((k) => String(before[k]) !== String(this.state[k]));
-    if (changed("exposure", "tone", "base", "compensate")) this.updateLook();
+    if (changed("exposure", "tone", "base")) this.updateLook();
     if (changed("pixel", "track", "axis", "length") || (this.state.track && changed("origin"))) {
       this.panel.updatePixel().catch((error) => this.fail(error));
     }
@@ -155,9 +160,9 @@ class App {
   }
 
   updateLook() {
-    const { exposure, tone, base, compensate } = this.state;
+    const { exposure, tone, base } = this.state;
     if (this.look?.exposure !== exposure || this.look?.tone !== tone) this.toneMap = new ToneMap(exposure, tone);
-    this.look = { exposure, tone, base, compensate, toneMap: this.toneMap };
+    this.look = { exposure, tone, base, toneMap: this.toneMap };
   }
 
   invalidate() {
@@ -230,7 +235,7 @@ class App {
     oneOf("length", [31, 95, 0]);
     oneOf("channel", Object.keys(CHANNELS));
     oneOf("metric", data.metrics.map((m) => m.id));
-    for (const key of ["flipped", "compensate", "log", "panel"]) oneOf(key, [true, false]);
+    for (const key of ["flipped", "log", "panel"]) oneOf(key, [true, false]);
     if (this.hasMotion) oneOf("track", [true, false]);
     number("exposure", -30, 30);
     number("split", 0, 1);
@@ -287,7 +292,10 @@ class App {
 
   /** Decodes all pictures while nothing else is to do, as long as they fit into memory. */
   async prefetchSoon() {
-    const idle = () => new Promise((resolve) => (window.requestIdleCallback ? requestIdleCallback(resolve, { timeout: 500 }) : setTimeout(resolve, 30)));
+    const idle = () => new Promise((resolve) => {
+      if (window.requestIdleCallback) requestIdleCallback(resolve, { timeout: 500 });
+      else setTimeout(resolve, 30);
+    });
     await this.ready;
     const { frames, sides } = this.data;
     for (let step = 0; step < frames.length; ++step) {
@@ -330,7 +338,7 @@ class App {
     for (const id of ["show-a", "show-b"]) {
       fill(id, [new Option("picture", "picture"), ...this.maps.map((m) => new Option(m.title, m.id))]);
     }
-    document.getElementById("slot-b").hidden = document.getElementById("swap").hidden = data.sides.length < 2 && !this.maps.length;
+    for (const id of ["slot-b", "swap"]) document.getElementById(id).hidden = !this.hasChoice;
     const select = (id, key, convert = String) => on(id, "change", (e) => this.set({ [key]: convert(e.target.value) }));
     select("side-a", "a", Number);
     select("side-b", "b", Number);
@@ -352,7 +360,6 @@ class App {
     on("link", "click", () => this.copyLink());
     on("toggle-panel", "click", () => this.set({ panel: !this.state.panel }));
     on("help-button", "click", () => this.help());
-    on("compensate", "change", (e) => this.set({ compensate: e.target.checked }));
     for (const id of ["range-low", "range-high"]) on(id, "change", () => this.readRange());
     on("first", "click", () => this.goTo(0));
     on("previous", "click", () => this.goTo(this.index - 1));
@@ -370,8 +377,18 @@ class App {
     document.getElementById("transport").hidden = data.frames.length < 2;
     document.addEventListener("keydown", (event) => this.key(event));
     // After the mouse has used a control, the keys belong to the pictures again.
-    document.addEventListener("click", (event) => event.detail > 0 && event.target.closest("button, summary, input[type=checkbox]")?.blur());
-    document.addEventListener("change", (event) => event.target.matches("select, input[type=range]") && event.target.blur());
+    document.addEventListener("click", (event) => {
+      if (event.detail > 0) event.target.closest("button, summary, input[type=checkbox]")?.blur();
+    });
+    document.addEventListener("change", (event) => {
+      if (event.target.matches("select, input[type=range]")) event.target.blur();
+    });
+    const edge = document.getElementById("edge"), panel = document.getElementById("panel");
+    edge.addEventListener("pointerdown", (event) => edge.setPointerCapture(event.pointerId));
+    edge.addEventListener("pointermove", (event) => {
+      if (!edge.hasPointerCapture(event.pointerId)) return;
+      panel.style.width = `${clamp(innerWidth - event.clientX, 300, innerWidth - 300)}px`;
+    });
     const dialog = document.getElementById("help");
     const table = element("table");
     for (const [keys, text] of KEYS) {
@@ -381,7 +398,8 @@ class App {
     }
     dialog.append(element("h2", { textContent: "Keys" }), table, element("p", {
       className: "note",
-      textContent: "Drag to move, wheel to zoom, click to choose a pixel. Drag the line to move the split, double-click it to center it.",
+      textContent: "Drag to move, wheel to zoom, click to choose a pixel. Drag the line to move the split, " +
+        "double-click it to center it.",
     }));
     dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
   }
@@ -408,7 +426,7 @@ class App {
 
   readRange() {
     const map = this.legendMap();
-    const low = Number(document.getElementById("range-low").value), high = Number(document.getElementById("range-high").value);
+    const [low, high] = ["range-low", "range-high"].map((id) => Number(document.getElementById(id).value));
     if (map && isRange(map.range.scale, low, high)) this.ranges.set(map.id, { low, high });
     this.set({});
   }
@@ -424,13 +442,16 @@ class App {
       const chosen = button.dataset.mode === state.mode;
       button.classList.toggle("on", chosen);
       button.setAttribute("aria-pressed", chosen);
-      if (button.dataset.mode !== "grid") button.disabled = data.sides.length < 2 && !this.maps.length;
+      if (button.dataset.mode !== "grid") button.disabled = !this.hasChoice;
     }
     by("slot-a").classList.toggle("on", state.mode === "flip" && !state.flipped);
     by("slot-b").classList.toggle("on", state.mode === "flip" && state.flipped);
     by("side-a").disabled = state.mode === "grid";
     by("side-b").disabled = by("show-b").disabled = state.mode === "grid";
-    const values = { "side-a": state.a, "side-b": state.b, "show-a": state.showA, "show-b": state.showB, base: state.base, tone: state.tone, exposure: state.exposure, scrubber: this.index };
+    const values = {
+      "side-a": state.a, "side-b": state.b, "show-a": state.showA, "show-b": state.showB, base: state.base,
+      tone: state.tone, exposure: state.exposure, scrubber: this.index,
+    };
     for (const [id, value] of Object.entries(values)) by(id).value = value;
     by("exposure-value").textContent = `${state.exposure > 0 ? "+" : ""}${formatNumber(state.exposure, 3)}`;
     by("zoom-value").textContent = `${Math.round(100 * this.viewer.scale() * (window.devicePixelRatio || 1))} %`;
@@ -447,8 +468,6 @@ class App {
     by("map-against").hidden = !map.base && !map.stored;
     by("base").disabled = Boolean(map.stored);
     if (map.stored) by("base").value = data.reference;
-    by("compensate-label").hidden = !map.before || !data.motion.backward.length;
-    by("compensate").checked = state.compensate;
     by("range-low").disabled = range.scale === "signed";
     by("range-low").value = range.scale === "signed" ? -range.high : range.low;
     by("range-high").value = range.high;
@@ -509,14 +528,15 @@ class App {
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, action = actions[key];
     const control = event.target.closest?.("button, summary, input");
     // A control that was reached by keyboard keeps the keys that it knows; the scrubber's do what ours do.
-    if (control && (key === " " || (control.type === "range" && control.id !== "scrubber" && /^Arrow|Home|End/.test(key)))) return;
+    const isSlider = control?.type === "range" && control.id !== "scrubber";
+    if ((control && key === " ") || (isSlider && /^Arrow|Home|End/.test(key))) return;
     if (!action) return;
     event.preventDefault();
     if (this.blinking && key !== "b") this.blink(false);
     action();
   }
 
-  // --- For scripts ----------------------------------------------------------------------------------------------------
+  // --- For scripts --------------------------------------------------------------------------------------------------
 
   /** Resolves when everything that the state asks for is on the screen. */
   async settled() {
@@ -556,8 +576,8 @@ window.temperaReport = {
     return picture && picture.rgb(y * app.data.width + x);
   },
   /** Values of a map, [height * width], or null. */
-  async map(id, side, frame, { base = app.state.base, compensate = app.state.compensate } = {}) {
-    const values = await computeMap(app.store, app.mapOf(id), { side, base, frame, compensate });
+  async map(id, side, frame, { base = app.state.base } = {}) {
+    const values = await computeMap(app.store, app.mapOf(id), { side, base, frame });
     return values && Array.from(values);
   },
   /** { positions, series, values, size } of a slice; see tracks.js. */

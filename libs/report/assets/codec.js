@@ -113,6 +113,18 @@ class Vectors {
     const x = this.codes[i], y = this.codes[this.width * this.height + i];
     return x === NOT_FINITE || y === NOT_FINITE ? null : [x * this.step, y * this.step];
   }
+
+  /** [x, y] at a position (pixels, centers at +0.5), between pixels; null where one of those around it has none. */
+  bilinear([px, py]) {
+    const { width, height } = this;
+    const x = Math.min(Math.max(px - 0.5, 0), width - 1), y = Math.min(Math.max(py - 0.5, 0), height - 1);
+    const x0 = Math.floor(x), y0 = Math.floor(y), fx = x - x0, fy = y - y0;
+    const i = y0 * width + x0, right = fx > 0 ? 1 : 0, down = fy > 0 ? width : 0;
+    const corners = [this.at(i), this.at(i + right), this.at(i + down), this.at(i + down + right)];
+    if (corners.includes(null)) return null;
+    const [a, b, c, d] = corners;
+    return [0, 1].map((k) => (a[k] * (1 - fx) + b[k] * fx) * (1 - fy) + (c[k] * (1 - fx) + d[k] * fx) * fy);
+  }
 }
 
 /** Decodes a block element of the page. */

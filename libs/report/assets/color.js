@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// From values to pixels on the screen: the display transform of `tempera video` (libs/frames/src/display.cpp), and false
-// colors for error maps.
+// From values to pixels on the screen: the display transform of `tempera video` (libs/frames/src/display.cpp), and
+// false colors for error maps.
 
 const clamp = (v, low, high) => (v < low ? low : v > high ? high : v);
-const luminance = (r, g, b) => 0.2126 * r + 0.7152 * g + 0.0722 * b;
+const luminance = (r, g, b) => 0.2127 * r + 0.7152 * g + 0.0722 * b;
 
 const linearToSrgb = (v) => (v <= 0.0031308 ? 12.92 * v : 1.055 * v ** (1 / 2.4) - 0.055);
 const srgbToLinear = (v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
@@ -178,6 +178,6 @@ function formatNumber(value, digits = 4) {
   if (!Number.isFinite(value)) return value > 0 ? "∞" : "−∞";
   if (value === 0) return "0";
   const magnitude = Math.abs(value);
-  const text = magnitude < 1e-3 || magnitude >= 1e5 ? value.toExponential(digits - 2) : value.toPrecision(digits);
-  return text.replace("-", "−").replace("e+", "e");
+  const text = magnitude < 1e-3 || magnitude >= 1e5 ? value.toExponential(digits - 1) : value.toPrecision(digits);
+  return text.replaceAll("-", "−").replace("e+", "e");
 }

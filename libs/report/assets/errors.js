@@ -2,12 +2,16 @@
 // Maps of errors. Most are computed here from the stored values, between any two sequences; metrics whose maps are more
 // than a formula over a pixel (FLIP, SSIM) come with the page, against the reference alone.
 
+/** Mean over channels of f(k). */
+const meanOfChannels = (f) => (f(0) + f(1) + f(2)) / 3;
+
 /**
- * What can be shown instead of the picture. `base`: compared with another sequence; `before`: looks at the frame
- * before; `of(c)`: makes the values, NaN where there is none, from
+ * What can be shown instead of the picture. Those with the id of a metric (docs/metrics.md) are its values per pixel.
+ * `base`: compared with another sequence; `before`: looks at the frame before; `motion`: along motion vectors;
+ * `measured`: offered only if the metric was measured; `of(c)`: makes the values, NaN where there is none, from
  *   c.test, c.base               pictures of the frame
  *   c.testBefore, c.baseBefore   those of the frame before
- *   c.backward                   vectors to the frame before, or null: differences in time are then taken in place
+ *   c.source(i)                  [x, y] in the frame before of what pixel i shows, null where that is not known
  *   c.epsilon
  */
 const FORMULA_MAPS = [
@@ -17,13 +21,22 @@ const FORMULA_MAPS = [
     help: "squared difference over squared base + epsilon, mean over channels",
     base: true,
     range: { low: 1e-4, high: 10, scale: "log" },
+    of: (c) => eachPixel(c.test, (i) => meanOfChannels((k) => {
+      const b = c.base.value(k, i);
+      return difference(c.test, c.test.value(k, i), c.base, b) ** 2 / (b * b + c.epsilon);
+    })),
+  },
+  {
+    id: "relmse_gray",
+    title: "relMSE, gray",
+    help: "mean of squared differences over the squared mean of the base's channels + 0.001",
+    base: true,
+    measured: true,
+    range: { low: 1e-4, high: 10, scale: "log" },
     of: (c) => eachPixel(c.test, (i) => {
-      let sum = 0;
-      for (let k = 0; k < 3; ++k) {
-        const b = c.base.value(k, i), d = difference(c.test, c.test.value(k, i), c.base, b);
-        sum += (d * d) / (b * b + c.epsilon);
-      }
-      return sum / 3;
+      const gray = meanOfChannels((k) => c.base.value(k, i));
+      const error = meanOfChannels((k) => difference(c.test, c.test.value(k, i), c.base, c.base.value(k, i)) ** 2);
+      return error / (gray * gray + 1e-3);
     }),
   },
   {
@@ -32,18 +45,15 @@ const FORMULA_MAPS = [
     help: "squared difference, mean over channels",
     base: true,
     range: { low: 1e-5, high: 1, scale: "log" },
-    of: (c) => eachPixel(c.test, (i) => {
-      let sum = 0;
-      for (let k = 0; k < 3; ++k) sum += difference(c.test, c.test.value(k, i), c.base, c.base.value(k, i)) ** 2;
-      return sum / 3;
-    }),
+    of: (c) => eachPixel(c.test, (i) =>
+      meanOfChannels((k) => difference(c.test, c.test.value(k, i), c.base, c.base.value(k, i)) ** 2)),
   },
   {
     id: "signed",
     title: "brighter / darker",
     help: "difference of luminance relative to the base: orange where the picture is brighter, blue where it is darker",
     base: true,
-    range: { low: 0, high: 1, scale: "signed" },
+    range: { low: -1, high: 1, scale: "signed" },
     of: (c) => {
       const floor = Math.sqrt(c.epsilon);
       return eachPixel(c.test, (i) => {
@@ -52,48 +62,87 @@ const FORMULA_MAPS = [
       });
     },
   },
-  {
-    id: "temporal",
-    title: "temporal error",
-    help: "squared error of the change since the frame before, over squared base + epsilon, mean over channels",
+  ...[false, true].map((motion) => ({
+    id: motion ? "temporal_compensated" : "temporal",
+    title: motion ? "temporal error along motion" : "temporal error",
+    help: `squared error of the change since the frame before${motion ? " along motion vectors" : ""}, over the ` +
+      "mean of the squared bases + epsilon",
     base: true,
     before: true,
+    motion,
     range: { low: 1e-4, high: 10, scale: "log" },
-    of: (c) => {
-      const source = sourceBefore(c);
-      return eachPixel(c.test, (i) => {
-        const j = source(i);
-        if (j < 0) return NaN;
-        let sum = 0;
-        for (let k = 0; k < 3; ++k) {
-          const b = c.base.value(k, i);
-          const d = difference(c.test, c.test.value(k, i), c.testBefore, c.testBefore.value(k, j)) -
-            difference(c.base, b, c.baseBefore, c.baseBefore.value(k, j));
-          sum += (d * d) / (b * b + c.epsilon);
-        }
-        return sum / 3;
+    of: (c) => eachPixel(c.test, (i) => {
+      const p = c.source(i);
+      if (!p) return NaN;
+      return meanOfChannels((k) => {
+        const b = c.base.value(k, i), before = bilinear(c.baseBefore, k, p);
+        const test = difference(c.test, c.test.value(k, i), c.testBefore, bilinear(c.testBefore, k, p));
+        const d = test - difference(c.base, b, c.baseBefore, before);
+        return (d * d) / ((b * b + before * before) / 2 + c.epsilon);
       });
-    },
+    }),
+  })),
+  {
+    id: "warp_error",
+    title: "warp error",
+    help: "squared change along motion vectors, over the mean of the squared bases + epsilon",
+    base: true,
+    before: true,
+    motion: true,
+    measured: true,
+    range: { low: 1e-4, high: 10, scale: "log" },
+    of: (c) => eachPixel(c.test, (i) => {
+      const p = c.source(i);
+      if (!p) return NaN;
+      return meanOfChannels((k) => {
+        const b = c.base.value(k, i), before = bilinear(c.baseBefore, k, p);
+        const d = difference(c.test, c.test.value(k, i), c.testBefore, bilinear(c.testBefore, k, p));
+        return (d * d) / ((b * b + before * before) / 2 + c.epsilon);
+      });
+    }),
   },
   {
-    id: "change",
-    title: "change since last frame",
-    help: "relative change of luminance since the frame before, of one sequence alone: what flickers shows up here",
+    id: "flicker_static",
+    title: "change of luminance",
+    help: "absolute difference of luminance to the frame before",
     before: true,
-    range: { low: 0, high: 1, scale: "signed" },
+    measured: true,
+    range: { low: 1e-4, high: 1, scale: "log" },
+    of: (c) => eachPixel(c.test, (i) =>
+      Math.abs(difference(c.test, luminanceAt(c.test, i), c.testBefore, luminanceAt(c.testBefore, i)))),
+  },
+  ...[false, true].map((motion) => ({
+    id: motion ? "change_compensated" : "change",
+    title: motion ? "change along motion" : "change since last frame",
+    help: `relative change of luminance since the frame before${motion ? " along motion vectors" : ""}, of one ` +
+      "sequence alone: flicker shows up here",
+    before: true,
+    motion,
+    range: { low: -1, high: 1, scale: "signed" },
     of: (c) => {
-      const source = sourceBefore(c), floor = Math.sqrt(c.epsilon);
+      const floor = Math.sqrt(c.epsilon);
       return eachPixel(c.test, (i) => {
-        const j = source(i);
-        if (j < 0) return NaN;
-        const now = luminanceAt(c.test, i), then = luminanceAt(c.testBefore, j);
+        const p = c.source(i);
+        if (!p) return NaN;
+        const now = luminanceAt(c.test, i), then = luminance(...[0, 1, 2].map((k) => bilinear(c.testBefore, k, p)));
         return difference(c.test, now, c.testBefore, then) / (0.5 * (Math.abs(now) + Math.abs(then)) + floor);
       });
     },
-  },
+  })),
 ];
 
 const luminanceAt = (picture, i) => luminance(picture.value(0, i), picture.value(1, i), picture.value(2, i));
+
+/** Value of a channel at a position (pixels, centers at +0.5), between pixels; positions are clamped to the picture. */
+function bilinear(picture, k, [px, py]) {
+  const { width, height } = picture;
+  const x = clamp(px - 0.5, 0, width - 1), y = clamp(py - 0.5, 0, height - 1);
+  const x0 = Math.floor(x), y0 = Math.floor(y), fx = x - x0, fy = y - y0;
+  const i = y0 * width + x0, right = fx > 0 ? 1 : 0, down = fy > 0 ? width : 0;
+  if (!right && !down) return picture.value(k, i);
+  const above = picture.value(k, i) * (1 - fx) + picture.value(k, i + right) * fx;
+  return above * (1 - fy) + (picture.value(k, i + down) * (1 - fx) + picture.value(k, i + down + right) * fx) * fy;
+}
 
 /** a - b of two pictures' values; 0 where it is no more than what storing them can have caused. */
 function difference(pictureA, a, pictureB, b) {
@@ -107,43 +156,60 @@ function eachPixel(picture, value) {
   return out;
 }
 
-/** From a pixel to where the frame before shows what it shows, by index; -1 where that is not known. */
-function sourceBefore(c) {
-  if (!c.backward) return (i) => i;
-  const { width, height } = c.test;
-  return (i) => {
-    const vector = c.backward.at(i);
-    if (!vector) return -1;
-    const x = Math.floor((i % width) + 0.5 + vector[0]), y = Math.floor(Math.floor(i / width) + 0.5 + vector[1]);
-    return x >= 0 && y >= 0 && x < width && y < height ? y * width + x : -1;
-  };
+/**
+ * Where vectors lead from a position (pixels, centers at +0.5), as in the metrics (libs/stages/src/temporal.cpp): null
+ * where one of the four vectors around it is missing, where they lead out of the picture, and where `back`, the vectors
+ * of the other frame, does not lead back: what was there is hidden [Sundaram 2010].
+ */
+function followVectors(vectors, back, position) {
+  const { width, height } = vectors;
+  const v = vectors.bilinear(position);
+  if (!v) return null;
+  const to = [position[0] + v[0], position[1] + v[1]];
+  if (!(to[0] >= 0 && to[1] >= 0 && to[0] < width && to[1] < height)) return null;
+  if (!back) return to;
+  const b = back.bilinear(to);
+  if (!b) return null;
+  const gap = (v[0] + b[0]) ** 2 + (v[1] + b[1]) ** 2;
+  return gap <= 0.01 * (v[0] ** 2 + v[1] ** 2 + b[0] ** 2 + b[1] ** 2) + 0.5 ? to : null;
 }
+
+/** The smallest distance between two frames. */
+const frameStep = (frames) => frames.slice(1).reduce((step, f, i) => Math.min(step, f - frames[i]), Infinity);
 
 /** All maps of a report: the formulas that its sequences allow, then those that came with it. */
 function mapsOf(data) {
-  const maps = FORMULA_MAPS.filter((m) => (!m.base || data.sides.length > 1) && (!m.before || data.frames.length > 1));
+  const metric = (id) => data.metrics.find((m) => m.id === id);
+  const formulas = FORMULA_MAPS.filter((m) =>
+    (!m.base || data.sides.length > 1) && (!m.before || data.frames.length > 1) &&
+    (!m.motion || data.motion.backward.length > 0) && (!m.measured || metric(m.id)))
+    .map((m) => ({ ...m, title: metric(m.id)?.title ?? m.title }));
   const stored = data.maps.map((m) => ({ ...m, stored: true, range: { low: m.low, high: m.high, scale: m.scale } }));
-  return [...maps, ...stored];
+  return [...formulas, ...stored];
 }
 
 /** The values of a map as a Float32Array, or null if the pictures that it needs are not there. */
-async function computeMap(store, map, { side, base, frame, compensate }, urgent = true) {
+async function computeMap(store, map, { side, base, frame }, urgent = true) {
   const { data } = store;
   if (map.stored) {
     const picture = await store.map(map.id, side, frame, urgent);
     return picture && eachPixel(picture, (i) => picture.value(0, i));
   }
-  const before = data.frames[data.frames.indexOf(frame) - 1];
-  if (map.before && before === undefined) return null;
+  // The frame before stands one step away; vectors lead to the frame numbered one less.
+  const step = frameStep(data.frames), before = frame - step;
+  if (map.before && (!data.frames.includes(before) || (map.motion && step !== 1))) return null;
   const none = Promise.resolve(null);
-  const [test, basis, testBefore, baseBefore, backward] = await Promise.all([
+  const [test, basis, testBefore, baseBefore, backward, forward] = await Promise.all([
     store.picture(side, frame, urgent),
     map.base ? store.picture(base, frame, urgent) : none,
     map.before ? store.picture(side, before, urgent) : none,
     map.before && map.base ? store.picture(base, before, urgent) : none,
-    // Vectors lead to the frame numbered one less, which is not the one before in every sequence.
-    map.before && compensate && before === frame - 1 ? store.motion("backward", frame, urgent) : none,
+    map.motion ? store.motion("backward", frame, urgent) : none,
+    map.motion ? store.motion("forward", before, urgent) : none,
   ]);
-  if (!test || (map.base && !basis) || (map.before && !testBefore) || (map.before && map.base && !baseBefore)) return null;
-  return map.of({ test, base: basis, testBefore, baseBefore, backward, epsilon: data.epsilon });
+  if (!test || (map.base && !basis) || (map.before && !testBefore) || (map.before && map.base && !baseBefore) ||
+    (map.motion && !backward)) return null;
+  const { width } = data, center = (i) => [(i % width) + 0.5, Math.floor(i / width) + 0.5];
+  const source = map.motion ? (i) => followVectors(backward, forward, center(i)) : center;
+  return map.of({ test, base: basis, testBefore, baseBefore, source, epsilon: data.epsilon });
 }

@@ -33,6 +33,9 @@ function logTicks(low, high) {
   return ticks.filter((_, i) => i % stride === 0);
 }
 
+/** A number without the zeros at its end. */
+const tickLabel = (v) => formatNumber(Number(v.toPrecision(6)), 3).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
+
 class Plot {
   /** `onPick(x)` is called with the nearest x of a click. */
   constructor(container, { height = 170, onPick = () => {} } = {}) {
@@ -83,12 +86,16 @@ class Plot {
       [low, high] = [low / margin, high * margin];
     } else {
       if (low > 0 && low < 0.5 * high) low = 0;
-      if (high - low < 1e-6 * Math.max(Math.abs(high), 1e-30)) [low, high] = [low - 0.5 * Math.abs(low || 1), high + 0.5 * Math.abs(high || 1)];
+      if (high - low < 1e-6 * Math.abs(high) || high === low) {
+        const margin = 0.5 * Math.abs(high || 1);
+        [low, high] = [low - margin, high + margin];
+      }
     }
     const ticks = c.log ? logTicks(low, high) : linearTicks(low, high, 5);
     if (!c.log) [low, high] = [Math.min(low, ticks[0]), Math.max(high, ticks[ticks.length - 1])];
-    const labels = ticks.map((t) => formatNumber(Number(t.toPrecision(6)), 3).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, ""));
-    const left = 14 + 7 * Math.max(...labels.map((l) => l.length)), right = width - 12, top = 10, bottom = this.height - 32;
+    const labels = ticks.map(tickLabel);
+    const left = 14 + 7 * Math.max(...labels.map((l) => l.length)), right = width - 12;
+    const top = 10, bottom = this.height - 32;
     const first = c.x[0], last = c.x[c.x.length - 1];
     const xOf = (x) => (last === first ? (left + right) / 2 : left + ((x - first) / (last - first)) * (right - left));
     const yOf = c.log

@@ -61,6 +61,12 @@ class Store {
     return i < 0 ? null : `picture-${side === this.data.reference ? "reference" : side}-${stored[i]}`;
   }
 
+  /** The picture if it is decoded, null if there is none, undefined if it has yet to be decoded. */
+  peek(side, frame) {
+    const id = this.pictureId(side, frame);
+    return id === null ? null : this.cache.get(id);
+  }
+
   /** Promise of a Picture or Vectors; of null if the page has no such block. */
   get(id, urgent = true) {
     if (id === null) return Promise.resolve(null);

@@ -4,25 +4,19 @@
 /**
  * Where the surface that is at `position` (pixels, centers at +0.5) in frame `from` is in the neighboring frame `to`:
  * by the vectors of `from` if it has some, else by those of `to`, solved for the point that leads here. Null where the
- * vectors do not tell or lead out of the image.
+ * vectors do not tell, where the surface is hidden and where it leaves the picture.
  */
 async function follow(store, position, from, to) {
-  const { width, height } = store.data;
   if (Math.abs(to - from) !== 1) return null;  // vectors lead to the next frame number
-  const direction = to > from ? "forward" : "backward";
-  const inside = ([x, y]) => x >= 0 && y >= 0 && x < width && y < height;
-  const at = (vectors, p) => (inside(p) ? vectors.at(Math.floor(p[1]) * width + Math.floor(p[0])) : null);
-  const direct = await store.motion(direction, from);
-  if (direct) {
-    const vector = at(direct, position);
-    const next = vector && [position[0] + vector[0], position[1] + vector[1]];
-    return next && inside(next) ? next : null;
-  }
-  const inverse = await store.motion(direction === "forward" ? "backward" : "forward", to);
+  const there = to > from ? "forward" : "backward", back = to > from ? "backward" : "forward";
+  const [direct, inverse] = await Promise.all([store.motion(there, from), store.motion(back, to)]);
+  if (direct) return followVectors(direct, inverse, position);
   if (!inverse) return null;
+  const { width, height } = store.data;
+  const inside = ([x, y]) => x >= 0 && y >= 0 && x < width && y < height;
   let next = position;
   for (let i = 0; i < 8; ++i) {
-    const vector = at(inverse, next);
+    const vector = inside(next) ? inverse.bilinear(next) : null;
     if (!vector) return null;
     const better = [position[0] - vector[0], position[1] - vector[1]];
     const moved = Math.hypot(better[0] - next[0], better[1] - next[1]);

@@ -16,7 +16,7 @@ class Surfaces {
     const { map } = slot;
     if (!map) return `${slot.side}|${frame}|${look.exposure}|${look.tone}`;
     const { low, high } = slot.range;
-    return `${map.id}|${slot.side}|${frame}|${low}|${high}|${map.base ? look.base : ""}|${map.before && look.compensate}`;
+    return `${map.id}|${slot.side}|${frame}|${low}|${high}|${map.base ? look.base : ""}`;
   }
 
   /** {canvas, values} if it is ready, null if there is nothing to show, undefined if it is being made. */
@@ -50,7 +50,7 @@ class Surfaces {
     const { width, height } = this.store.data;
     let values = null, picture = null;
     if (slot.map) {
-      values = await computeMap(this.store, slot.map, { side: slot.side, base: look.base, frame, compensate: look.compensate }, urgent);
+      values = await computeMap(this.store, slot.map, { side: slot.side, base: look.base, frame }, urgent);
     } else {
       picture = await this.store.picture(slot.side, frame, urgent);
     }
@@ -111,7 +111,11 @@ class Viewer {
     const rows = Math.ceil(n / best.columns), gap = 2;
     const w = (this.width - gap * (best.columns - 1)) / best.columns, h = (this.height - gap * (rows - 1)) / rows;
     return slots.map((slot, i) => ({
-      x: (i % best.columns) * (w + gap), y: Math.floor(i / best.columns) * (h + gap), width: w, height: h, slots: [slot],
+      x: (i % best.columns) * (w + gap),
+      y: Math.floor(i / best.columns) * (h + gap),
+      width: w,
+      height: h,
+      slots: [slot],
     }));
   }
 
@@ -178,7 +182,9 @@ class Viewer {
           context.strokeStyle = "#343b42";
           context.strokeRect(left + 0.5, top + 0.5, app.data.width * scale - 1, app.data.height * scale - 1);
         }
-        if (surface && scale >= VALUES_SCALE) this.drawValues(context, slot, surface, left, top, scale, [from, cell.y, to, cell.y + cell.height]);
+        if (surface && scale >= VALUES_SCALE) {
+          this.drawValues(context, slot, surface, left, top, scale, [from, cell.y, to, cell.y + cell.height]);
+        }
         this.drawMarks(context, left, top, scale);
         context.restore();
         labels.push(this.label(slot, i, from, to, cell, surface || pending));
@@ -221,7 +227,7 @@ class Viewer {
   /** Writes the values of the pixels within [x0, y0, x1, y1] of the section into them. */
   drawValues(context, slot, surface, left, top, scale, [x0, y0, x1, y1]) {
     const { app } = this, { width, height } = app.data;
-    const id = app.store.pictureId(slot.side, app.state.frame), picture = surface.values ? null : id && app.store.cache.get(id);
+    const picture = surface.values ? null : app.store.peek(slot.side, app.state.frame);
     if (!surface.values && !picture) return;
     context.font = "11px ui-monospace, 'DejaVu Sans Mono', monospace";
     context.textAlign = "center";
@@ -377,8 +383,9 @@ class Viewer {
     const sides = new Set(slots.map((s) => s.side));
     if (reference !== null) sides.add(reference);
     for (const side of sides) {
-      const id = app.store.pictureId(side, frame), picture = id && app.store.cache.get(id);
-      const values = picture ? picture.rgb(i).map((v) => (Number.isNaN(v) ? "not finite" : formatNumber(v))) : [id ? "…" : "no frame"];
+      const picture = app.store.peek(side, frame);
+      const values = picture ? picture.rgb(i).map((v) => (Number.isNaN(v) ? "not finite" : formatNumber(v)))
+        : [picture === null ? "no frame" : "…"];
       row(app.data.sides[side].label, ...values).cells[0].style.color = app.colorOf(side);
       for (const slot of slots) {
         if (slot.side !== side || !slot.map) continue;

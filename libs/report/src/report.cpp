@@ -25,7 +25,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 /// Metrics whose maps the page computes from the pictures (libs/report/assets/errors.js): they need no room.
-constexpr std::array<std::string_view, 2> kComputedMaps{"mse", "relmse"};
+constexpr std::array<std::string_view, 7> kComputedMaps{
+    "relmse", "relmse_gray", "mse", "temporal", "temporal_compensated", "warp_error", "flicker_static"};
 
 bool is_computed(std::string_view id) {
   return std::find(kComputedMaps.begin(), kComputedMaps.end(), id) != kComputedMaps.end();
@@ -117,10 +118,11 @@ class MapRange {
   void add(const Image& map) {
     for (const float v : map.values()) {
       if (!std::isfinite(v)) continue;
-      const float a = std::abs(v);
-      if (a > 0) ++bins_[std::size_t(std::clamp(int(std::floor(std::log2(a) * kPerOctave)) + kBins / 2, 0, kBins - 1))];
-      count_ += a > 0;
       least_ = std::min(least_, v);
+      const float a = std::abs(v);
+      if (a == 0) continue;
+      ++bins_[std::size_t(std::clamp(int(std::floor(std::log2(a) * kPerOctave)) + kZero, 0, kBins - 1))];
+      ++count_;
     }
   }
   /// {"low", "high", "scale"} as the page wants it (libs/report/assets/color.js).
@@ -137,12 +139,12 @@ class MapRange {
   }
 
  private:
-  static constexpr int kPerOctave = 8, kBins = 2048;
+  static constexpr int kPerOctave = 8, kBins = 2048, kZero = kBins / 2;
   double quantile(double q) const {
     std::int64_t left = std::int64_t(q * double(count_));
     for (int i = 0; i < kBins; ++i) {
       left -= bins_[std::size_t(i)];
-      if (left < 0) return std::exp2(double(i + 1 - kBins / 2) / kPerOctave);
+      if (left < 0) return std::exp2(double(i + 1 - kZero) / kPerOctave);
     }
     return 1;
   }
@@ -358,15 +360,14 @@ struct ReportWriter::Impl {
   Json side_json(const Side& side, const std::string& label, const std::string& name,
                  const std::vector<std::string>& runs) const {
     const Provenance p = provenance_of(runs[0], side.frames);
-    Json json{{"label", label},
-              {"name", name},
-              {"runs", runs},
-              {"frames", side.frames},
-              {"stored", side.stored},
-              {"relativeError", {relative_error({.steps = side.finest}), relative_error({.steps = side.coarsest})}},
-              {"info", p.rows}};
-    if (p.fps > 0) json["fps"] = p.fps;
-    return json;
+    return {{"label", label},
+            {"name", name},
+            {"runs", runs},
+            {"fps", p.fps},
+            {"frames", side.frames},
+            {"stored", side.stored},
+            {"relativeError", {relative_error({.steps = side.finest}), relative_error({.steps = side.coarsest})}},
+            {"info", p.rows}};
   }
 
   Json data(const CompareResult& result) const {
@@ -417,12 +418,9 @@ struct ReportWriter::Impl {
       }
       maps.push_back(std::move(map));
     }
-    double fps = 24;
-    for (const Json& side : sides) {
-      if (!side.contains("fps")) continue;
-      fps = side["fps"].get<double>();
-      break;
-    }
+    double fps = result.fps;
+    for (std::size_t s = 0; s < sides.size() && !(fps > 0); ++s) fps = sides[s]["fps"];
+    if (!(fps > 0)) fps = 24;
     return {{"format", 1},
             {"generator", "tempera " TEMPERA_VERSION},
             {"width", width},
@@ -474,10 +472,10 @@ std::vector<std::string> ReportWriter::maps() const { return impl_->map_ids; }
 void ReportWriter::reference(int frame, const Image& image, const Image* motion_backward, const Image* motion_forward) {
   impl_->begin(frame);
   impl_->add_picture("reference", impl_->reference_side, frame, image, true);
-  motion(frame, motion_backward, motion_forward);
+  vectors(frame, motion_backward, motion_forward);
 }
 
-void ReportWriter::motion(int frame, const Image* motion_backward, const Image* motion_forward) {
+void ReportWriter::vectors(int frame, const Image* motion_backward, const Image* motion_forward) {
   impl_->begin(frame);
   impl_->add_motion("backward", impl_->backward, frame, motion_backward);
   impl_->add_motion("forward", impl_->forward, frame, motion_forward);
@@ -515,12 +513,12 @@ std::int64_t ReportWriter::finish(const CompareResult& result) {
 
   // The page is text with a few marks, {{name}}, at which its parts go in.
   const std::map<std::string_view, std::string> parts{{"title", html_text(valid_utf8(title))},
-                                                      {"style", std::string(report_assets::style)},
+                                                      {"style", std::string(report_assets::kStyle)},
                                                       {"data", script_json(data)},
-                                                      {"script", std::string(report_assets::script)}};
+                                                      {"script", std::string(report_assets::kScript)}};
   TemporaryFile file(d.path);
   Output out(file.path());
-  std::string_view rest = report_assets::page;
+  std::string_view rest = report_assets::kPage;
   for (;;) {
     const std::size_t open = rest.find("{{");
     out.write(rest.substr(0, open));
@@ -570,7 +568,10 @@ CompareResult show_sequences(const std::vector<CompareInput>& tests, const Compa
     frames.insert(side.frames.begin(), side.frames.end());
     total += int(side.frames.size());
   }
-  for (CompareSide& s : result.sides) s.label = s.name;
+  std::vector<std::string> names;
+  for (const CompareSide& s : result.sides) names.push_back(s.name);
+  const std::vector<std::string> labels = distinguishing_labels(names);
+  for (std::size_t s = 0; s < labels.size(); ++s) result.sides[s].label = labels[s];
 
   constexpr std::array<const char*, 2> kMotion{"motion.backward", "motion.forward"};
   std::string first_path;
@@ -606,7 +607,7 @@ CompareResult show_sequences(const std::vector<CompareInput>& tests, const Compa
       }
       if (progress) progress(++done, total);
     }
-    writer.motion(frame, vectors[0], vectors[1]);
+    writer.vectors(frame, vectors[0], vectors[1]);
   }
   return result;
 }

@@ -224,7 +224,7 @@ TEST_F(Report, LoadsNothing) {
   for (std::sregex_iterator it(head.begin(), head.end(), loads), end; it != end; ++it) {
     EXPECT_EQ((*it)[2], "data:,") << it->str();
   }
-  for (const std::string_view part : {report_assets::style, report_assets::script}) {
+  for (const std::string_view part : {report_assets::kStyle, report_assets::kScript}) {
     for (const char* word : {"@import", "url(", "fetch(", "XMLHttpRequest", "WebSocket", "import(", "sendBeacon",
                              "eval(", "innerHTML", "document.write"}) {
       EXPECT_EQ(part.find(word), std::string_view::npos) << word;
@@ -235,16 +235,16 @@ TEST_F(Report, LoadsNothing) {
 
 TEST_F(Report, EmbedsItsOwnFilesUnchanged) {
   const fs::path assets = fs::path(TEMPERA_SOURCE_DIR) / "libs/report/assets";
-  EXPECT_EQ(report_assets::page, text_of(assets / "report.html"));
-  EXPECT_EQ(report_assets::style, text_of(assets / "report.css"));
+  EXPECT_EQ(report_assets::kPage, text_of(assets / "report.html"));
+  EXPECT_EQ(report_assets::kStyle, text_of(assets / "report.css"));
   std::size_t length = 0;
   for (const auto& entry : fs::directory_iterator(assets)) {
     if (entry.path().extension() != ".js") continue;
     const std::string text = text_of(entry.path());
     length += text.size();
-    EXPECT_NE(report_assets::script.find(text), std::string_view::npos) << entry.path();
+    EXPECT_NE(report_assets::kScript.find(text), std::string_view::npos) << entry.path();
   }
-  EXPECT_EQ(report_assets::script.size(), length);
+  EXPECT_EQ(report_assets::kScript.size(), length);
 }
 
 TEST_F(Report, NamesCannotBecomeMarkup) {

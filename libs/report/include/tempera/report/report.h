@@ -42,11 +42,12 @@ class ReportWriter final : public CompareObserver {
   ~ReportWriter() override;
 
   std::vector<std::string> maps() const override;
+  bool motion() const override { return true; }
   void reference(int frame, const Image& image, const Image* motion_backward, const Image* motion_forward) override;
   void test(std::size_t side, int frame, const Image& image,
             const std::function<const Image*(std::string_view id)>& map) override;
   /// The vectors of a frame where there is no reference; else they come with it.
-  void motion(int frame, const Image* motion_backward, const Image* motion_forward);
+  void vectors(int frame, const Image* motion_backward, const Image* motion_forward);
 
   /// Writes the page. Returns its size in bytes.
   std::int64_t finish(const CompareResult& result);
