@@ -97,16 +97,25 @@ void run_row_below(const RunRows& r, W wy, B by, float* __restrict out) {
   }
 }
 
-/// Adds sum(a b) and sum(b b). Single-precision sums of a row's lanes, double ones of rows: the order is fixed.
-void add_dots(const float* __restrict a, const float* __restrict b, int stride, double& ab, double& bb) {
+/// Adds sum(a b) and sum(b b d), d = 1 if null. Single-precision sums of a row's lanes, double ones of rows: the order
+/// is fixed.
+void add_dots(const float* __restrict a, const float* __restrict b, const float* __restrict d, int stride, double& ab,
+              double& bbd) {
   float s[kSumLanes] = {}, q[kSumLanes] = {};
-  for (int i = 0; i < stride; i += kSumLanes) {
-    for (int l = 0; l < kSumLanes; ++l) {
-      s[l] += a[i + l] * b[i + l];
-      q[l] += b[i + l] * b[i + l];
+  const auto sum = [&](const auto& square) {
+    for (int i = 0; i < stride; i += kSumLanes) {
+      for (int l = 0; l < kSumLanes; ++l) {
+        s[l] += a[i + l] * b[i + l];
+        q[l] += square(i + l);
+      }
     }
+  };
+  if (d) {
+    sum([=](int i) { return b[i] * b[i] * d[i]; });
+  } else {
+    sum([=](int i) { return b[i] * b[i]; });
   }
-  for (int l = 0; l < kSumLanes; ++l) ab += double(s[l]), bb += double(q[l]);
+  for (int l = 0; l < kSumLanes; ++l) ab += double(s[l]), bbd += double(q[l]);
 }
 
 void negate(float* a, int n) {
@@ -237,7 +246,8 @@ void PoissonSystem::descend(const PlanarFrames& x, PlanarFrames& out, ChannelSum
         for (int c = 0; c < 3; ++c) {
           float* o = out.row(t, y, c);
           if constexpr (kData) negate(o, w);
-          add_dots(x.row(t, y, c), o, out.stride(), sum[std::size_t(c)], sum[std::size_t(c) + 3]);
+          add_dots(x.row(t, y, c), o, inverse_diagonal(t, y), out.stride(), sum[std::size_t(c)],
+                   sum[std::size_t(c) + 3]);
         }
       }
     }
@@ -259,8 +269,7 @@ ChannelSums PoissonSystem::descent(const PlanarFrames& x, PlanarFrames& out) con
 
 void PoissonSystem::set_precise() {
   const int w = width(), h = height(), frames = this->frames();
-  if (squared_.rows() == 0) squared_ = RowBlock<BFloat16>(w, std::int64_t(kRowSets) * h * frames);
-  stored_ = true;
+  store_weights();
   parallel_for(0, std::int64_t(frames) * h, [&](std::int64_t row) {
     for (int set = 0; set < kRowSets; ++set) {
       const StoredWeight precision{window_[std::size_t(row / h)]->precision(RowSet(set), int(row % h))};
@@ -269,12 +278,72 @@ void PoissonSystem::set_precise() {
       for (int i = 0; i < w; ++i) out[i] = to_bfloat16(w0 * w0 * precision.at(i));
     }
   });
+  invert_diagonal();
+}
+
+void PoissonSystem::store_weights() {
+  if (squared_.rows() == 0) {
+    const std::int64_t rows = std::int64_t(height()) * frames();
+    squared_ = RowBlock<BFloat16>(width(), kRowSets * rows);
+    inverse_diagonal_ = RowBlock<float>(width(), rows);
+  }
+  stored_ = true;
+}
+
+void PoissonSystem::invert_diagonal() {
+  const int w = width(), h = height(), frames = this->frames();
+  const auto weight = [&](RowSet set, int t, int y, int x) -> StoredWeight {
+    return {squared_.row((std::int64_t(t) * h + y) * kRowSets + int(set)) + x};
+  };
+  // Squared coefficients are 1: each row adds its squared weight to the pixels that it reaches.
+  const auto add_run = [&](const MotionRun& r, int t, float* __restrict out) {
+    const StoredWeight wt = weight(RowSet::kDt, t, r.y, r.x), wx = weight(RowSet::kDxDt, t, r.y, r.x);
+    for (int i = 0; i < r.length; ++i) out[i] += wt.at(i);
+    for (int i = 0; i < r.mixed_x; ++i) out[i] += wx.at(i);
+    for (int i = 0; i < r.mixed_x; ++i) out[i + 1] += wx.at(i);
+  };
+  const auto add_mixed_y = [&](const MotionRun& r, int t, float* __restrict out) {
+    if (!r.mixed_y) return;
+    const StoredWeight wy = weight(RowSet::kDyDt, t, r.y, r.x);
+    for (int i = 0; i < r.length; ++i) out[i] += wy.at(i);
+  };
+  parallel_for(
+      0, std::int64_t(frames) * h,
+      [&](std::int64_t row) {
+        const int t = int(row / h), y = int(row % h);
+        const MotionRuns *next = motion_from(t), *last = motion_from(t - 1);
+        float* const out = inverse_diagonal_.row(row);
+        const StoredWeight wp = weight(RowSet::kPrimal, t, y, 0), wx = weight(RowSet::kDx, t, y, 0);
+        for (int i = 0; i < w; ++i) out[i] = wp.at(i);
+        for (int i = 0; i + 1 < w; ++i) out[i] += wx.at(i);
+        for (int i = 1; i < w; ++i) out[i] += wx.at(i - 1);
+        for (const int above : {y - 1, y}) {
+          if (above < 0) continue;
+          if (above + 1 < h) {
+            const StoredWeight wy = weight(RowSet::kDy, t, above, 0);
+            for (int i = 0; i < w; ++i) out[i] += wy.at(i);
+          }
+          if (next) {
+            for (const MotionRun& r : next->from_row(above)) add_mixed_y(r, t, out + r.x);
+          }
+          if (last) {
+            for (const MotionRun& r : last->to_row(above)) add_mixed_y(r, t - 1, out + r.x + r.dx);
+          }
+        }
+        if (next) {
+          for (const MotionRun& r : next->from_row(y)) add_run(r, t, out + r.x);
+        }
+        if (last) {
+          for (const MotionRun& r : last->to_row(y)) add_run(r, t - 1, out + r.x + r.dx);
+        }
+        for (int i = 0; i < w; ++i) out[i] = 1 / out[i];
+      },
+      kBand);
 }
 
 double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double scale) {
   const int w = width(), h = height(), frames = this->frames();
-  if (squared_.rows() == 0) squared_ = RowBlock<BFloat16>(w, std::int64_t(kRowSets) * h * frames);
-  stored_ = true;
+  store_weights();
   const float eps = float(epsilon);
   BandSums<std::array<double, 1>> sums(h);
   sums.for_each(h, [&](std::int64_t band, int y0, int y1) {
@@ -344,6 +413,7 @@ double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double sca
     }
     sums[band] = {total};
   });
+  invert_diagonal();
   return sums.total()[0];
 }
 
@@ -444,29 +514,37 @@ void solve_separable(const PoissonSystem& system, PlanarFrames& r, PlanarFrames&
   });
 }
 
-/// x += alpha p, r -= alpha q, p = r + beta p. Returns sum(r r).
-ChannelSums advance(PlanarFrames& x, PlanarFrames& r, PlanarFrames& p, const PlanarFrames& q, const ChannelSums& alpha,
-                    const ChannelSums& beta) {
+/// x += alpha p, r -= alpha q, p = r / D + beta p. Returns sum(r r / D).
+ChannelSums advance(const PoissonSystem& system, PlanarFrames& x, PlanarFrames& r, PlanarFrames& p,
+                    const PlanarFrames& q, const ChannelSums& alpha, const ChannelSums& beta) {
   const int h = x.height(), n = x.stride();
   BandSums<ChannelSums> sums(h);
   sums.for_each(h, [&](std::int64_t band, int y0, int y1) {
     ChannelSums sum{};
     for (int t = 0; t < x.frames(); ++t) {
       for (int y = y0; y < y1; ++y) {
+        const float* __restrict d = system.inverse_diagonal(t, y);
         for (int c = 0; c < 3; ++c) {
           const float a = float(alpha[std::size_t(c)]), b = float(beta[std::size_t(c)]);
           float* __restrict xs = x.row(t, y, c), * __restrict rs = r.row(t, y, c), * __restrict ps = p.row(t, y, c);
           const float* __restrict qs = q.row(t, y, c);
           float lane[kSumLanes] = {};
-          for (int i = 0; i < n; i += kSumLanes) {
-            for (int l = 0; l < kSumLanes; ++l) {
-              const int k = i + l;
-              xs[k] += a * ps[k];
-              const float v = rs[k] - a * qs[k];
-              rs[k] = v;
-              ps[k] = v + b * ps[k];
-              lane[l] += v * v;
+          const auto run = [&](const auto& preconditioned) {
+            for (int i = 0; i < n; i += kSumLanes) {
+              for (int l = 0; l < kSumLanes; ++l) {
+                const int k = i + l;
+                xs[k] += a * ps[k];
+                const float v = rs[k] - a * qs[k], z = preconditioned(v, k);
+                rs[k] = v;
+                ps[k] = z + b * ps[k];
+                lane[l] += v * z;
+              }
             }
+          };
+          if (d) {
+            run([=](float v, int k) { return v * d[k]; });
+          } else {
+            run([](float v, int) { return v; });
           }
           for (const float v : lane) sum[std::size_t(c)] += double(v);
         }
@@ -482,16 +560,22 @@ struct Vectors {
   PlanarFrames r, p, q;
 };
 
-/// Takes up to `steps` steps from x. Returns those taken; `residual` is what is left of |A^T W^2 (A x - b)|.
-/// Source: [Hestenes 1952], one scalar a channel; beta comes from a prediction of the next residual's norm, so that one
-/// pass updates all vectors, and the norm is then computed afresh, which keeps the method stable [Chen 2020].
+/// Takes up to `steps` steps from x. Returns those taken; `residual` is what is left of |A^T W^2 (A x - b)|, in the
+/// norm of the inverse preconditioner. Source: [Hestenes 1952], one scalar a channel; beta comes from a prediction of
+/// the next residual's norm, so that one pass updates all vectors, and the norm is then computed afresh, which keeps
+/// the method stable [Chen 2020].
 int conjugate_gradients(const PoissonSystem& system, int steps, PlanarFrames& x, Vectors& v, double& residual,
                         const std::function<void()>& before_step) {
   ChannelSums norm = system.descent(x, v.r);
   const ChannelSums start = norm;
   parallel_for(0, x.height(), [&](std::int64_t y) {
     for (int t = 0; t < x.frames(); ++t) {
-      for (int c = 0; c < 3; ++c) std::copy_n(v.r.row(t, int(y), c), x.width(), v.p.row(t, int(y), c));
+      const float* d = system.inverse_diagonal(t, int(y));
+      for (int c = 0; c < 3; ++c) {
+        const float* r = v.r.row(t, int(y), c);
+        float* p = v.p.row(t, int(y), c);
+        for (int i = 0; i < x.width(); ++i) p[i] = d ? r[i] * d[i] : r[i];
+      }
     }
   });
   constexpr double kConverged = 1e-14;  // of squared norms: the limit of single precision
@@ -508,7 +592,7 @@ int conjugate_gradients(const PoissonSystem& system, int steps, PlanarFrames& x,
       alpha[c] = norm[c] / pq[c];
       beta[c] = std::max(0.0, alpha[c] * alpha[c] * qq[c] - norm[c]) / norm[c];
     }
-    norm = advance(x, v.r, v.p, v.q, alpha, beta);
+    norm = advance(system, x, v.r, v.p, v.q, alpha, beta);
   }
   double now = 0, then = 0;
   for (std::size_t c = 0; c < 3; ++c) now += norm[c], then += start[c];

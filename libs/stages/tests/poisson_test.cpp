@@ -191,6 +191,89 @@ TEST(PoissonSystem, WeightsAreThoseOfFairsLoss) {
   EXPECT_EQ(system.squared_weight(RowSet::kDx, 0, 0, 0), 0.9f * 0.9f);
 }
 
+TEST(PoissonSystem, PrecisionsMultiplySquaredWeights) {
+  const RandomSystem s(31, 17, 3);
+  const auto precision = [&](RowSet set, int t, int y, int x) {
+    return std::exp2(float(hash_key(std::uint64_t(set), s.address(t, y, x, 0)) % 9) - 4);  // exact in eight bits
+  };
+  for (int t = 0; t < s.frames; ++t) {
+    for (int y = 0; y < s.h; ++y) {
+      for (int set = 0; set < kRowSets; ++set) {
+        std::vector<float> row;
+        for (int x = 0; x < s.w; ++x) row.push_back(precision(RowSet(set), t, y, x));
+        s.window.frames[std::size_t(t)]->set_precision(RowSet(set), y, row);
+      }
+    }
+  }
+  const PoissonWeights weights{.alpha = 0.5f, .spatial = 1, .temporal = 2, .mixed = 0.5f};
+  PoissonSystem system(s.window.span(), weights);
+  PlanarFrames out(s.w, s.h, s.frames);
+  system.set_precise();
+  EXPECT_EQ(system.squared_weight(RowSet::kDt, 0, 4, 2), 4 * precision(RowSet::kDt, 0, 2, 4));
+  system.descent(s.window.truth, out);
+  EXPECT_LT(relative_error(s, out, reference_descent(s, system, s.window.truth, 1, 1)), 1e-6);
+  const double epsilon = 0.3;
+  system.reweight(s.window.truth, epsilon, 1);
+  s.for_each([&](RowSet set, int t, int y, int px, int to_x, int to_y) {
+    double n2 = 0;
+    for (int c = 0; c < 3; ++c) {
+      double r = -double(s.window.frames[std::size_t(t)]->data(set, y, c)[px]);
+      for (const RowEntry& e : test::row_entries(set, t, y, px, to_x, to_y)) {
+        r += e.coefficient * double(s.window.truth.row(e.t, e.y, c)[e.x]);
+      }
+      n2 += r * r;
+    }
+    const double square = double(weights.of(set)) * double(weights.of(set)) * double(precision(set, t, y, px));
+    EXPECT_NEAR(double(system.squared_weight(set, t, px, y)) * (std::sqrt(square * n2) + epsilon) / square, 1,
+                1.0 / 256);
+  });
+}
+
+// Inverse variances as precisions are the best weights.
+TEST(Poisson, PrecisionsLowerTheError) {
+  Window window = test::pan_with_discs(80, 60, 4);
+  // One half of the picture is far noisier than the other.
+  const auto sigma = [](RowSet set, int x) { return (x < 40 ? 0.005 : 0.2) * (set == RowSet::kPrimal ? 5 : 1); };
+  const std::uint64_t w = 80;
+  test::set_data(window, [&](RowSet set, std::uint64_t address) {
+    return sigma(set, int(address / 3 % w)) * test::normal(2, address);
+  });
+  PoissonSettings settings;
+  settings.norm = PoissonNorm::kL2;
+  settings.l2_steps = 60;
+  PlanarFrames plain = test::primal_data(window), precise = test::primal_data(window);
+  solve_poisson(window.span(), settings, plain);
+  for (int t = 0; t < 4; ++t) {
+    for (int y = 0; y < 60; ++y) {
+      for (int set = 0; set < kRowSets; ++set) {
+        std::vector<float> row;
+        for (int x = 0; x < 80; ++x) {
+          const double s = sigma(RowSet(set), x) / 0.02;
+          row.push_back(float((set == 0 ? 25 : 1) / (s * s)));
+        }
+        window.frames[std::size_t(t)]->set_precision(RowSet(set), y, row);
+      }
+    }
+  }
+  solve_poisson(window.span(), settings, precise);
+  const auto error = [&](const PlanarFrames& x, int from, int to) {
+    double sum = 0;
+    for (int t = 0; t < 4; ++t) {
+      for (int y = 0; y < 60; ++y) {
+        for (int c = 0; c < 3; ++c) {
+          for (int i = from; i < to; ++i) {
+            const double d = double(x.row(t, y, c)[i]) - double(window.truth.row(t, y, c)[i]);
+            sum += d * d;
+          }
+        }
+      }
+    }
+    return std::sqrt(sum);
+  };
+  EXPECT_LT(error(precise, 0, 40), 0.3 * error(plain, 0, 40)) << "the noise of the other half stays there";
+  EXPECT_LT(error(precise, 40, 80), error(plain, 40, 80));
+}
+
 // T3: exact data give the exact picture, from any start.
 TEST(Poisson, ReproducesExactData) {
   Window window = test::pan_with_discs(96, 64, 5);

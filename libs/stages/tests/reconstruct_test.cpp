@@ -393,6 +393,30 @@ TEST_F(Reconstruct, OutputKeepsFeaturesAndAlpha) {
   EXPECT_NE(std::get<std::string>(f.metadata.at("tempera/reconstruct")).find("alpha=0.2"), std::string::npos);
 }
 
+// A crop stores sources as pixels of the full picture; those outside of it replay nothing that is here.
+TEST_F(Reconstruct, CropsAreCutsOfTheFullPicture) {
+  Sequence s;
+  s.velocity = {1, 0};
+  s.truth = moving_pattern(s.velocity);
+  s.noise = replayed_noise(s.velocity, 0.1);
+  const auto in = write("in", s, 0, 4);
+  run(in, "out");
+  for (int f = 0; f < 4; ++f) {
+    Frame frame = read_frame(in.path(f));
+    frame.metadata["tempera/crop_left"] = 100, frame.metadata["tempera/crop_top"] = 50;
+    Image& source = frame.layer("offset.source");
+    for (int y = 0; y < s.height; ++y) {
+      for (int x = 0; x < s.width; ++x) {
+        if (f > 0 && x == 0) source.at(x, y, 0) = -1, source.at(x, y, 1) = float(y), source.at(x, y, 2) = 1;
+        source.at(x, y, 0) += 100, source.at(x, y, 1) += 50;
+      }
+    }
+    write_frame(frame_path(path("crop.####.exr"), f), frame);
+  }
+  run(FrameSequence(path("crop.####.exr")), "crop_out");
+  for (int f = 0; f < 4; ++f) EXPECT_EQ(result("out", f).layer("color"), result("crop_out", f).layer("color")) << f;
+}
+
 TEST_F(Reconstruct, SingleFramesWithoutOffsetPass) {
   Sequence s;
   s.temporal = false;

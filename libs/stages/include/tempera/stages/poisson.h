@@ -104,10 +104,16 @@ class PoissonSystem {
   int height() const { return window_[0]->height(); }
   int frames() const { return int(window_.size()); }
 
-  /// out = A^T W^2 A p. Returns through the references sum(p out) and sum(out out). Pre: p != out.
+  /// out = A^T W^2 A p. Returns through the references sum(p out) and sum(out out / D), where D is the preconditioner.
+  /// Pre: p != out.
   void apply(const PlanarFrames& p, PlanarFrames& out, ChannelSums& p_out, ChannelSums& out_out) const;
-  /// out = A^T W^2 (b - A x), the steepest descent of the squared error. Returns sum(out out).
+  /// out = A^T W^2 (b - A x), the steepest descent of the squared error. Returns sum(out out / D).
   ChannelSums descent(const PlanarFrames& x, PlanarFrames& out) const;
+  /// 1 / D for row `y` of frame t: the diagonal of A^T W^2 A. Null for uniform weights, where the diagonal is all but
+  /// constant and D is 1.
+  const float* inverse_diagonal(int t, int y) const {
+    return stored_ ? inverse_diagonal_.row(std::int64_t(t) * height() + y) : nullptr;
+  }
 
   /// Weights of iteratively reweighted least squares for the sum of norms |W0 (A x - b)| of RGB vectors, where W0 are
   /// the weights without reweighting: W^2 = scale W0^2 / (|W0 (A x - b)| + epsilon). The minimum of the reweighted
@@ -134,13 +140,16 @@ class PoissonSystem {
  private:
   /// From frame t to the next one; null where there are no rows between them.
   const MotionRuns* motion_from(int t) const;
+  void store_weights();
+  void invert_diagonal();
   template <bool kStored, bool kData>
   void descend(const PlanarFrames& x, PlanarFrames& out, ChannelSums& x_out, ChannelSums& out_out) const;
 
   std::vector<const PoissonFrame*> window_;
   PoissonWeights weights_;
   bool stored_ = false, linked_ = true;
-  RowBlock<BFloat16> squared_;  // W^2, rows (t, y, set)
+  RowBlock<BFloat16> squared_;        // W^2, rows (t, y, set)
+  RowBlock<float> inverse_diagonal_;  // rows (t, y)
 };
 
 enum class PoissonNorm {
