@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The Poisson solver: time, memory and error against the truth on a synthetic window, and the spectrum of its error over
-// temporal frequencies. Prints one JSON object.
+// The Poisson solver: time, memory and error against the truth on a synthetic window, and the spectrum of its error
+// over temporal frequencies. Prints one JSON object.
 //
 //   poisson_bench [--size 1280x720] [--frames 10] [--threads N] [--schedules fast,published] [--norm l1|l2]
 //   poisson_bench --spectrum
@@ -117,8 +117,9 @@ std::vector<double> spectrum(const test::NoiseModel& m, int repeats) {
     test::Window window(kSize, kSize, kFrames);
     for (int t = 0; t + 1 < kFrames; ++t) window.frames[std::size_t(t)]->motion = MotionRuns(still);
     test::set_data(window, [&](RowSet set, std::uint64_t address) {
-      const double variance =
-          set == RowSet::kPrimal ? m.primal : set <= RowSet::kDy ? m.gradient : m.ratio * m.gradient;
+      const double variance = set == RowSet::kPrimal ? m.primal
+                              : set <= RowSet::kDy   ? m.gradient
+                                                     : m.ratio * m.gradient;
       return std::sqrt(variance) * test::normal(std::uint64_t(n) + 100, address);
     });
     PlanarFrames x = test::primal_data(window);

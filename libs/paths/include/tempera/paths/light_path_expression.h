@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Light-path expressions: regular expressions over the events of a path from the eye (E) over diffuse (D), reflective
-// (R) and transmissive (T) scattering to a light (L), compiled together into one automaton: one number of state per path,
-// O(1) per vertex [Zimmer 2015, Sec. 3].
+// (R) and transmissive (T) scattering to a light (L), compiled together into one automaton: one number of state per
+// path, O(1) per vertex [Zimmer 2015, Sec. 3].
 //
 //   alt := cat ('|' cat)*     cat := rep+     rep := atom ('*' | '+' | '?' | '{n}' | '{m,n}' | '{m,}')*
 //   atom := letter | '.' | '[' letter+ ']' | '[^' letter+ ']' | '(' alt ')'
