@@ -13,11 +13,13 @@
 
 #include "catalog.h"
 #include "program.h"
+#include "tempera/core/log.h"
 #include "tempera/core/parallel.h"
 #include "tempera/core/time.h"
 #include "tempera/frames/display.h"
 #include "tempera/frames/files.h"
 #include "tempera/frames/frame.h"
+#include "tempera/report/report.h"
 
 namespace tempera {
 
@@ -44,8 +46,8 @@ std::vector<std::string> split_list(const std::string& text) {
 
 struct Flags {
   std::vector<std::string> tests, thresholds;
-  std::string reference, metrics = "default", frames, csv, json, error_map;
-  double trim_percent = 0;
+  std::string reference, metrics = "default", frames, csv, json, error_map, html, title, tone_map = "srgb";
+  double trim_percent = 0, html_scale_percent = 100;
   CompareOptions options;
   int threads = 0;
 };
@@ -138,6 +140,42 @@ class ErrorMaps final : public CompareObserver {
   bool numbered_;
 };
 
+/// Passes what it sees on to others.
+class Observers final : public CompareObserver {
+ public:
+  void add(CompareObserver& observer) { all_.push_back(&observer); }
+  std::vector<std::string> maps() const override {
+    std::vector<std::string> out;
+    for (const CompareObserver* o : all_) {
+      for (std::string& id : o->maps()) out.push_back(std::move(id));
+    }
+    return out;
+  }
+  bool motion() const override {
+    return std::any_of(all_.begin(), all_.end(), [](const CompareObserver* o) { return o->motion(); });
+  }
+  void reference(int frame, const Image& image, const Image* backward, const Image* forward) override {
+    for (CompareObserver* o : all_) o->reference(frame, image, backward, forward);
+  }
+  void test(std::size_t side, int frame, const Image& image,
+            const std::function<const Image*(std::string_view)>& map) override {
+    for (CompareObserver* o : all_) o->test(side, frame, image, map);
+  }
+
+ private:
+  std::vector<CompareObserver*> all_;
+};
+
+/// Writes the report and says how large it is, as browsers have limits.
+void finish_report(ReportWriter& report, const CompareResult& result, const std::string& path) {
+  const double megabytes = double(report.finish(result)) / 1e6;
+  std::printf("%s: %.1f MB\n", path.c_str(), megabytes);
+  if (megabytes > 400) {
+    log_warning(
+        fmt::format("{} is large for a browser; --html-scale 50 makes it a quarter, --frames leaves out frames", path));
+  }
+}
+
 void compare(const Flags& flags, const std::stop_token& stop) {
   CompareOptions options = flags.options;
   options.metrics = split_list(flags.metrics);
@@ -159,30 +197,51 @@ void compare(const Flags& flags, const std::stop_token& stop) {
   if (!flags.error_map.empty() && flags.tests.size() > 1) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "--error-map takes one picture or sequence at a time");
   }
+  const bool measures = !limits.empty() || !flags.csv.empty() || !flags.json.empty() || !flags.error_map.empty();
+  if (flags.reference.empty() && (flags.html.empty() || measures)) {
+    throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
+                "--reference is missing: without it, sequences can only be shown side by side, with --html");
+  }
 
   std::vector<CompareInput> tests;
   for (const std::string& t : flags.tests) tests.push_back(parse_compare_input(t));
-  const FrameSequence reference(flags.reference);
+  const bool terminal = isatty(STDERR_FILENO);
+  const auto begin = std::chrono::steady_clock::now();
+  const CompareProgress progress = [&](int done, int total) {
+    if (terminal) {
+      const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+      std::fprintf(stderr, "\r\033[K%d of %d pictures, %.0f s left", done, total,
+                   std::ceil(seconds * (total - done) / done));
+    }
+    if (stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped; nothing was written");
+  };
+  std::optional<FrameSequence> reference;
+  if (!flags.reference.empty()) reference.emplace(flags.reference);
+  std::optional<ReportWriter> report;
+  if (!flags.html.empty()) {
+    report.emplace(flags.html, tests, reference ? &*reference : nullptr, options,
+                   ReportOptions{.title = flags.title,
+                                 .display = {.exposure = options.exposure, .tone_map = parse_tone_map(flags.tone_map)},
+                                 .scale = flags.html_scale_percent / 100});
+  }
+  if (!reference) {
+    const CompareResult shown = show_sequences(tests, options, *report, progress);
+    if (terminal) std::fprintf(stderr, "\r\033[K");
+    finish_report(*report, shown, flags.html);
+    return;
+  }
+  Observers observers;
   std::optional<ErrorMaps> maps;
   if (!flags.error_map.empty()) {
     const bool numbered = tests[0].runs[0].frames().size() > 1 || has_frame_pattern(flags.error_map);
     maps.emplace(flags.error_map, drawn ? *drawn : get_metric("relmse"), numbered);
+    observers.add(*maps);
   }
-  const bool terminal = isatty(STDERR_FILENO);
-  const auto begin = std::chrono::steady_clock::now();
-  const CompareResult result = compare_sequences(
-      tests, reference, options,
-      [&](int done, int total) {
-        if (terminal) {
-          const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-          std::fprintf(stderr, "\r\033[K%d of %d pictures, %.0f s left", done, total,
-                       std::ceil(seconds * (total - done) / done));
-        }
-        if (stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped; nothing was written");
-      },
-      maps ? &*maps : nullptr);
+  if (report) observers.add(*report);
+  const CompareResult result = compare_sequences(tests, *reference, options, progress, &observers);
   if (terminal) std::fprintf(stderr, "\r\033[K");
   std::printf("%s", to_table(result).c_str());
+  if (report) finish_report(*report, result, flags.html);
   if (!flags.csv.empty()) write_file(flags.csv, to_csv(result));
   if (!flags.json.empty()) write_file(flags.json, to_json(result));
 
@@ -207,8 +266,8 @@ void add_compare(Program& program) {
       "compare", "Measure how far pictures or sequences are from a reference.",
       {"tempera compare out/noisy.####.exr --reference out/ref.####.exr",
        "tempera compare a.exr b.exr --reference ref.exr --metrics relmse --csv figures.csv",
+       "tempera compare path=out/path/f.####.exr mlt=out/mlt/f.####.exr -r out/ref/f.####.exr --html report.html",
        "tempera compare a.exr --reference ref.exr --threshold flip=0.05 --error-map diff.png",
-       "tempera compare path=out/path/f.####.exr mlt=out/mlt/f.####.exr -r out/ref/f.####.exr --json m.json",
        "tempera compare 'out/seed*/f.####.exr' -r ref.exr --metrics relmse,bias_squared,variance",
        "tempera compare out/f.####.exr -r ref.####.exr --threshold mean.relmse=0.01,ssim=0.9,flicker=1e-4"},
       [&program, flags] {
@@ -222,8 +281,8 @@ void add_compare(Program& program) {
       ->required()
       ->type_name("TEST...");
   command
-      ->add_option("-r,--reference", flags->reference, "what they should look like; a single picture serves all frames")
-      ->required()
+      ->add_option("-r,--reference", flags->reference,
+                   "what they should look like; a single picture serves all frames; only --html can do without")
       ->type_name("REFERENCE");
   command
       ->add_option("--metrics", flags->metrics,
@@ -258,6 +317,16 @@ void add_compare(Program& program) {
       ->add_option("--error-map", flags->error_map,
                    "write the first metric that --metrics names, of each pixel, .png or .exr")
       ->type_name("PATTERN");
+  command->add_option("--html", flags->html, "write a page that shows and measures the sequences side by side")
+      ->type_name("FILE");
+  command->add_option("--title", flags->title, "of the page [the names of the sequences]")->type_name("TEXT");
+  command->add_option("--tone-map", flags->tone_map, "that the page begins with: srgb, filmic, none [srgb]")
+      ->type_name("NAME");
+  command
+      ->add_option("--html-scale", flags->html_scale_percent,
+                   "percentage of the frames' size that the page stores [100]")
+      ->type_name("PERCENT")
+      ->check(CLI::Range(1.0, 100.0).description(""));
   command->add_option("--threads", flags->threads, "threads; 0: one per core [0]")
       ->type_name("N")
       ->check(CLI::Range(0, 4096).description(""));

@@ -33,30 +33,6 @@ std::size_t index_of(const std::vector<int>& sorted, int value) {
 
 // --- What to compare
 
-/// The parts of `names` between the folders that all of them begin and end with: "path" and "mlt" of "out/path/f.exr"
-/// and "out/mlt/f.exr".
-std::vector<std::string> labels_of(const std::vector<std::string>& names) {
-  if (names.size() == 1) return names;
-  std::vector<std::vector<std::string>> parts;
-  for (const std::string& name : names) {
-    auto& p = parts.emplace_back();
-    for (const std::filesystem::path& folder : std::filesystem::path(name)) p.push_back(folder.string());
-  }
-  const auto all_have = [&](auto&& part) {
-    return std::all_of(parts.begin(), parts.end(),
-                       [&](const auto& p) { return p.size() > 1 && part(p) == part(parts[0]); });
-  };
-  while (all_have([](const auto& p) { return p.front(); })) {
-    for (auto& p : parts) p.erase(p.begin());
-  }
-  while (all_have([](const auto& p) { return p.back(); })) {
-    for (auto& p : parts) p.pop_back();
-  }
-  std::vector<std::string> out;
-  for (const auto& p : parts) out.push_back(fmt::format("{}", fmt::join(p, "/")));
-  return out;
-}
-
 /// Which frames a side is compared in, of those in `chosen` (ascending; empty: all).
 CompareSide plan_side(const CompareInput& input, const FrameSequence& reference, const std::vector<int>& chosen) {
   CompareSide side;
@@ -188,7 +164,7 @@ class Comparison {
       names.push_back(side.name);
       result_.sides.push_back(std::move(side));
     }
-    const std::vector<std::string> labels = labels_of(names);
+    const std::vector<std::string> labels = distinguishing_labels(names);
     for (std::size_t s = 0; s < labels.size(); ++s) result_.sides[s].label = labels[s];
     all_frames_.assign(all.begin(), all.end());
     step_ = all_frames_.size() > 1 ? all_frames_[1] - all_frames_[0] : 1;
@@ -701,6 +677,28 @@ class Comparison {
 };
 
 }  // namespace
+
+std::vector<std::string> distinguishing_labels(const std::vector<std::string>& names) {
+  if (names.size() == 1) return names;
+  std::vector<std::vector<std::string>> parts;
+  for (const std::string& name : names) {
+    auto& p = parts.emplace_back();
+    for (const std::filesystem::path& folder : std::filesystem::path(name)) p.push_back(folder.string());
+  }
+  const auto all_have = [&](auto&& part) {
+    return std::all_of(parts.begin(), parts.end(),
+                       [&](const auto& p) { return p.size() > 1 && part(p) == part(parts[0]); });
+  };
+  while (all_have([](const auto& p) { return p.front(); })) {
+    for (auto& p : parts) p.erase(p.begin());
+  }
+  while (all_have([](const auto& p) { return p.back(); })) {
+    for (auto& p : parts) p.pop_back();
+  }
+  std::vector<std::string> out;
+  for (const auto& p : parts) out.push_back(fmt::format("{}", fmt::join(p, "/")));
+  return out;
+}
 
 void CompareObserver::reference(int, const Image&, const Image*, const Image*) {}
 void CompareObserver::test(std::size_t, int, const Image&, const std::function<const Image*(std::string_view)>&) {}

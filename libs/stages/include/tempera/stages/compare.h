@@ -31,6 +31,10 @@ struct CompareInput {
 /// name is the pattern if none is given. Errors: Error{kMissingFile} if nothing matches; those of FrameSequence.
 CompareInput parse_compare_input(const std::string& text);
 
+/// The parts of `names` between the folders that all of them begin and end with: "path" and "mlt" of "out/path/f.exr"
+/// and "out/mlt/f.exr".
+std::vector<std::string> distinguishing_labels(const std::vector<std::string>& names);
+
 struct CompareOptions {
   std::vector<std::string> metrics;  ///< ids; "default" or "all": those that the files allow; empty: default
   std::string layer = "color";
