@@ -102,8 +102,6 @@ def render_mitsuba(args, scene, threads, variant):
 
 
 def main():
-    if len(sys.argv) > 1 and sys.argv[1] == "quality":
-        sys.exit("bench: equal-time quality comparisons are not there yet")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", type=pathlib.Path, default=ROOT / "build/release")
     parser.add_argument("--scene", action="append", help="name of a scene; repeatable")

@@ -90,6 +90,7 @@ void add_render(Program& program);
 void add_run(Program& program);
 void add_info(Program& program);
 void add_list(Program& program);
+void add_reconstruct(Program& program);
 void add_video(Program& program);
 void add_compare(Program& program);
 void add_docs(Program& program);

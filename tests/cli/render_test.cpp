@@ -255,9 +255,9 @@ TEST_F(CliRender, CompareMeasuresAndLimits) {
   EXPECT_NE(o.err.find("relmse of frame 1"), std::string::npos) << o.err;
   EXPECT_EQ(compare("a", {"--threshold", "relmse=1e6"}).status, 0);
   const auto j = nlohmann::json::parse(text_of(path("c.json")));
-  EXPECT_GT(j.at("sides")[0].at("mean").at("relative_mse").get<double>(), 0);
+  EXPECT_GT(j.at("sides")[0].at("mean").at("relmse").get<double>(), 0);
   const std::string csv = text_of(path("c.csv"));
-  EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 4) << csv;
+  EXPECT_EQ(std::count(csv.begin(), csv.end(), '\n'), 5) << csv;
   EXPECT_TRUE(fs::exists(path("e.0001.png")) && fs::exists(path("e.0002.png")));
 }
 

@@ -22,7 +22,7 @@ TEST(Cli, Version) {
 TEST(Cli, HelpHasExamplesForEveryCommand) {
   const Outcome top = run({"--help"});
   EXPECT_EQ(top.status, 0);
-  for (const char* command : {"render", "run", "info", "list", "video", "compare", "gallery"}) {
+  for (const char* command : {"render", "run", "info", "list", "reconstruct", "video", "compare", "gallery"}) {
     EXPECT_NE(top.out.find(fmt::format("\n  {} ", command)), std::string::npos) << command;
     const Outcome o = run({command, "--help"});
     EXPECT_EQ(o.status, 0) << command;
@@ -60,7 +60,7 @@ TEST(Cli, WrongUsageIsStatusTwoAndOneLine) {
       {"render", kScene, "-o", "/nowhere/f.exr", "--aov-names", "maya"},
       {"list", "films"},
       {"compare", "a.exr"},
-      {"compare", "a.exr", "--reference", "b.exr", "--metrics", "psnr"},
+      {"compare", "a.exr", "--reference", "b.exr", "--metrics", "pnsr"},
       {"compare", "a.exr", "--reference", "b.exr", "--threshold", "flip"},
   };
   for (const auto& arguments : wrong) {

@@ -224,9 +224,11 @@ std::string GalleryBuilder::readme() const {
                        s.decomposition ? "Parts of the picture; with `class.residual.color` they add up to it."
                                        : "Layers `class.<name>.color`.");
     for (const GalleryClass& c : s.classes) {
-      std::string expression = c.expression;
-      for (std::size_t at = 0; (at = expression.find('|', at)) != std::string::npos; at += 2)
-        expression.insert(at, "\\");
+      std::string expression;
+      for (const char letter : c.expression) {
+        if (letter == '|') expression += '\\';  // a bare one would end the table's cell
+        expression += letter;
+      }
       out += fmt::format("| `{}` | `{}` | {} |\n", c.name, expression, c.help);
     }
   }

@@ -1,177 +1,719 @@
 // SPDX-License-Identifier: Apache-2.0
+// One pass over the frames: the files of a frame are read side by side, everything is measured, and only the pictures
+// of this frame and of the one before stay in memory.
 #include "tempera/stages/compare.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <nlohmann/json.hpp>
+#include <cmath>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <set>
+#include <utility>
 
+#include "display_values.h"
+#include "metric_entry.h"
+#include "pixel_mean.h"
+#include "residual.h"
+#include "seed_statistics.h"
+#include "tempera/core/parallel.h"
 #include "tempera/frames/frame.h"
 
 namespace tempera {
 namespace {
 
-Image scaled(const Image& image, float scale) {
-  Image out = image;
-  for (float& v : out.values()) v *= scale;
+bool contains(const std::vector<int>& sorted, int value) {
+  return std::binary_search(sorted.begin(), sorted.end(), value);
+}
+std::size_t index_of(const std::vector<int>& sorted, int value) {
+  return std::size_t(std::lower_bound(sorted.begin(), sorted.end(), value) - sorted.begin());
+}
+
+// --- What to compare
+
+/// Which frames a side is compared in.
+CompareSide plan_side(const CompareInput& input, const FrameSequence& reference, const CompareOptions& options) {
+  CompareSide side;
+  side.name = input.name;
+  for (const FrameSequence& r : input.runs) side.runs.push_back(r.pattern());
+  const bool still = reference.frames().size() == 1;
+  const auto wanted = [&](int f) {
+    return options.frames.empty() || std::find(options.frames.begin(), options.frames.end(), f) != options.frames.end();
+  };
+  // Runs that are single pictures belong together whatever numbers their names hold.
+  const auto serves = [](const FrameSequence& run, int f) { return run.has(f) || run.path(f) == run.path(f + 1); };
+  bool common = false;
+  for (const int f : input.runs.at(0).frames()) {
+    const bool in_all_runs =
+        std::all_of(input.runs.begin(), input.runs.end(), [&](const FrameSequence& r) { return serves(r, f); });
+    common |= in_all_runs;
+    if (wanted(f) && in_all_runs) (still || reference.has(f) ? side.frames : side.unmatched).push_back(f);
+  }
+  if (!common) throw Error(ErrorCode::kBadInput, fmt::format("the runs of {} have no frame in common", input.name));
+  if (side.frames.empty()) {
+    throw Error(ErrorCode::kBadInput,
+                fmt::format("{} and the reference {} have no frame to compare", input.name, reference.pattern()));
+  }
+  for (const int f : reference.frames()) {
+    if (wanted(f) && f > side.frames.front() && f < side.frames.back() && !contains(side.frames, f)) {
+      side.missing.push_back(f);
+    }
+  }
+  side.non_finite.assign(side.frames.size(), 0);
+  return side;
+}
+
+/// The first and the number of frames of the longest stretch that has a frame every `step`.
+std::pair<std::size_t, int> longest_stretch(const std::vector<int>& frames, int step) {
+  std::size_t best = 0, begin = 0;
+  int length = 0;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    if (i > 0 && frames[i] != frames[i - 1] + step) begin = i;
+    if (int(i - begin) + 1 > length) best = begin, length = int(i - begin) + 1;
+  }
+  return {best, length};
+}
+
+void check_options(const CompareOptions& o) {
+  const auto check = [](bool ok, const char* name, double value, const char* range) {
+    if (!ok) throw Error(ErrorCode::kOutOfRange, fmt::format("{} is {:g}; it has to be {}", name, value, range));
+  };
+  check(o.epsilon > 0 && std::isfinite(o.epsilon), "epsilon", o.epsilon, "above 0");
+  check(o.trim >= 0 && o.trim <= 0.5, "trim", o.trim, "a part of the pixels from 0 to 0.5");
+  check(o.cutoff > 0 && o.cutoff < 0.5, "cutoff", o.cutoff, "between 0 and 0.5 cycles per frame");
+  check(o.pixels_per_degree >= 1 && o.pixels_per_degree <= 1000, "pixels_per_degree", o.pixels_per_degree,
+        "from 1 to 1000");
+  check(std::abs(o.exposure) <= 64, "exposure", o.exposure, "from -64 to 64 stops");
+}
+
+// --- What is in memory
+
+struct Picture {
+  std::optional<int> frame;  ///< that it shows; none if it shows nothing
+  Image image;
+};
+
+/// One run of one side, and what has been measured of it.
+struct Run {
+  std::size_t side = 0, index = 0;  ///< index: within its side
+  const FrameSequence* sequence = nullptr;
+  std::vector<std::vector<PixelMean>> values;  ///< [metric][frame of the side]
+  Picture now, before;
+  Image motion;
+  PowerSums power, power_tracked;
+  std::vector<SegmentRecord> segments, segments_tracked;  ///< that are being filled, the oldest first
+};
+
+/// What the runs of a side share in the spectrum of their residuals.
+struct SpectrumPlan {
+  Segments segments;  ///< empty if there are too few frames
+  std::size_t first = 0;
+  int frames = 0;
+  std::vector<Tracks> tracks;  ///< of the segments that are being filled
+};
+
+struct ReferenceFrame {
+  std::optional<int> frame;
+  Image image, half_a, half_b, backward, forward;
+};
+
+class Comparison {
+ public:
+  Comparison(const std::vector<CompareInput>& tests, const FrameSequence& reference, const CompareOptions& options,
+             const CompareProgress& progress, CompareObserver* observer)
+      : tests_(tests), reference_(reference), options_(options), progress_(progress), observer_(observer) {
+    if (tests.empty()) throw Error(ErrorCode::kBadInput, "there is nothing to compare with the reference");
+    check_options(options);
+    still_ = reference.frames().size() == 1;
+    plan_sides();
+    plan_files();
+    plan_metrics();
+    plan_spectra();
+  }
+
+  CompareResult run() {
+    for (const int frame : all_frames_) {
+      load(frame);
+      measure(frame);
+      for (Run* r : active_) {
+        r->before = uses_pairs_ ? std::exchange(r->now, {}) : Picture{};
+        if (progress_) progress_(++done_, total_);
+      }
+      if (!still_) before_ = std::exchange(now_, {});
+    }
+    finish();
+    return std::move(result_);
+  }
+
+ private:
+  void plan_sides() {
+    result_.reference = reference_.pattern();
+    result_.options = options_;
+    std::set<int> all;
+    std::vector<std::string> names;
+    for (const CompareInput& input : tests_) {
+      CompareSide side = plan_side(input, reference_, options_);
+      all.insert(side.frames.begin(), side.frames.end());
+      for (std::size_t r = 0; r < input.runs.size(); ++r) {
+        Run& run = runs_.emplace_back();
+        run.side = result_.sides.size(), run.index = r, run.sequence = &input.runs[r];
+        total_ += int(side.frames.size());
+      }
+      names.push_back(side.name);
+      result_.sides.push_back(std::move(side));
+    }
+    const std::vector<std::string> labels = distinguishing_labels(names);
+    for (std::size_t s = 0; s < labels.size(); ++s) result_.sides[s].label = labels[s];
+    all_frames_.assign(all.begin(), all.end());
+    step_ = all_frames_.size() > 1 ? all_frames_[1] - all_frames_[0] : 1;
+    for (std::size_t i = 1; i < all_frames_.size(); ++i) step_ = std::min(step_, all_frames_[i] - all_frames_[i - 1]);
+  }
+
+  int reference_frame(int frame) const { return still_ ? reference_.frames()[0] : frame; }
+
+  /// What the files hold, judged by the first frame.
+  void plan_files() {
+    const FrameHeader header = read_header(reference_.path(reference_frame(all_frames_[0])));
+    const auto has = [](const FrameHeader& h, std::string_view layer) {
+      return std::any_of(h.layers.begin(), h.layers.end(), [&](const LayerDesc& l) { return l.name == layer; });
+    };
+    if (const auto info = render_info(header.metadata)) result_.fps = info->fps;
+    result_.width = header.width, result_.height = header.height;
+    has_halves_ = options_.layer == layers::color().name && has(header, layers::color_a().name) &&
+                  has(header, layers::color_b().name);
+    FrameHeader vectors = header;
+    if (!options_.motion.empty()) {
+      motion_.emplace(options_.motion);
+      vectors = read_header(motion_->path(motion_->frames()[0]));
+    }
+    // Vectors lead to the next frame; those of a still picture say nothing about the frames of the tests.
+    const bool vectors_serve = step_ == 1 && !still_;
+    has_backward_ = vectors_serve && has(vectors, layers::motion_backward().name);
+    has_forward_ = vectors_serve && has(vectors, layers::motion_forward().name);
+    tests_have_motion_ = has_backward_;
+    for (const Run& r : runs_) {
+      const int first = result_.sides[r.side].frames[0];
+      tests_have_motion_ =
+          tests_have_motion_ && has(read_header(r.sequence->path(first)), layers::motion_backward().name);
+    }
+  }
+
+  /// Why a metric cannot be measured; "" if it can.
+  std::string obstacle(const MetricInfo& m) const {
+    const std::string vectors = options_.motion.empty() ? reference_.pattern() : options_.motion;
+    switch (m.needs) {
+      case MetricNeeds::kNothing:
+      case MetricNeeds::kStillScene:
+        break;
+      case MetricNeeds::kSeeds:
+        if (runs_.size() == result_.sides.size())
+          return "it needs several runs of a method, as \"out/seed*/f.####.exr\"";
+        break;
+      case MetricNeeds::kMotion:
+      case MetricNeeds::kMotionBoth:
+      case MetricNeeds::kTracks:
+        if (still_) return "the reference is a single picture, in which nothing moves";
+        if (step_ != 1) return "motion vectors lead from one frame to the next, and the frames are further apart";
+        if (m.needs == MetricNeeds::kTracks && !has_forward_) {
+          return fmt::format("it needs the layer motion.forward, which {} lacks", vectors);
+        }
+        if (m.needs != MetricNeeds::kTracks && !has_backward_) {
+          return fmt::format("it needs the layer motion.backward, which {} lacks", vectors);
+        }
+        if (m.needs == MetricNeeds::kMotionBoth && !tests_have_motion_) {
+          return "it needs the layer motion.backward in the files of all tests";
+        }
+        break;
+    }
+    const auto longest = [&] {
+      int frames = 0;
+      for (const CompareSide& s : result_.sides) frames = std::max(frames, longest_stretch(s.frames, step_).second);
+      return frames;
+    };
+    if (m.scope == MetricScope::kPair && longest() < 2) return "it needs two frames, one after the other";
+    if (m.scope == MetricScope::kSequence && longest() < kMinSpectrumFrames) {
+      return fmt::format("it needs {} frames in a row; there are {}", kMinSpectrumFrames, longest());
+    }
+    if (m.id == "ssim" && (result_.width < 11 || result_.height < 11)) return "it needs a picture of 11x11 pixels";
+    return {};
+  }
+
+  void plan_metrics() {
+    const auto asked = [&](std::string_view id) {
+      return std::find(options_.metrics.begin(), options_.metrics.end(), id) != options_.metrics.end();
+    };
+    const bool all = asked("all"), defaults = asked("default") || options_.metrics.empty();
+    for (const std::string& id : options_.metrics) {
+      if (id == "all" || id == "default") continue;
+      if (const std::string why = obstacle(get_metric(id)); !why.empty()) {
+        throw Error(ErrorCode::kBadInput, fmt::format("\"{}\" cannot be measured: {}", id, why));
+      }
+    }
+    for (const MetricEntry& e : metric_entries()) {
+      const bool by_default = e.info.is_default && (e.info.needs != MetricNeeds::kStillScene || still_);
+      if (asked(e.info.id) || ((all || (defaults && by_default)) && obstacle(e.info).empty())) {
+        metrics_.push_back(&e);
+        result_.metrics.push_back(find_metric(e.info.id));
+      }
+    }
+    for (Run& r : runs_) {
+      r.values.assign(metrics_.size(), std::vector<PixelMean>(result_.sides[r.side].frames.size()));
+    }
+    if (observer_) {
+      for (const std::string& id : observer_->maps()) {
+        if (!get_metric(id).has_map) throw Error(ErrorCode::kBadInput, fmt::format("\"{}\" has no map", id));
+        for (const MetricEntry& e : metric_entries()) {
+          if (e.info.id == id) drawn_.push_back(&e);
+        }
+      }
+    }
+    std::vector<const MetricEntry*> used = metrics_;
+    used.insert(used.end(), drawn_.begin(), drawn_.end());
+    const auto uses = [&](auto... needs) {
+      return std::any_of(used.begin(), used.end(),
+                         [&](const MetricEntry* e) { return ((e->info.needs == needs) || ...); });
+    };
+    const bool vectors_wanted = observer_ && observer_->motion();
+    uses_previous_ = has_backward_ && uses(MetricNeeds::kMotion);
+    uses_tracks_ = uses(MetricNeeds::kTracks);
+    uses_test_motion_ = tests_have_motion_ && uses(MetricNeeds::kMotionBoth);
+    uses_pairs_ =
+        std::any_of(used.begin(), used.end(), [](const MetricEntry* e) { return e->info.scope == MetricScope::kPair; });
+    uses_seeds_ = uses(MetricNeeds::kSeeds);
+    reads_backward_ = has_backward_ && (uses_previous_ || uses_test_motion_ || uses_tracks_ || vectors_wanted);
+    reads_forward_ = has_forward_ && (uses_previous_ || uses_tracks_ || vectors_wanted);
+  }
+
+  bool measures(std::string_view id) const {
+    return std::any_of(metrics_.begin(), metrics_.end(), [&](const MetricEntry* e) { return e->info.id == id; });
+  }
+
+  void plan_spectra() {
+    uses_spectrum_ = measures("flicker");
+    plans_.resize(result_.sides.size());
+    std::int64_t bytes = 0;  // of each pixel that is looked at
+    for (std::size_t s = 0; s < plans_.size(); ++s) {
+      SpectrumPlan& plan = plans_[s];
+      std::tie(plan.first, plan.frames) = longest_stretch(result_.sides[s].frames, step_);
+      if (uses_spectrum_ || uses_tracks_) plan.segments = plan_segments(plan.frames);
+      const std::int64_t at_a_time = std::min<std::int64_t>(2, std::int64_t(plan.segments.starts.size()));
+      const std::int64_t runs = std::int64_t(result_.sides[s].runs.size());
+      bytes +=
+          at_a_time * (runs * plan.segments.length * std::int64_t(sizeof(float)) * (uses_spectrum_ + uses_tracks_) +
+                       std::int64_t(sizeof(Vec2f)) * uses_tracks_);
+    }
+    int stride = 1;
+    while (std::int64_t((result_.width + stride - 1) / stride) * ((result_.height + stride - 1) / stride) * bytes >
+           std::max<std::int64_t>(options_.spectrum_memory, bytes)) {
+      ++stride;
+    }
+    choice_ = std::make_shared<const PixelChoice>(result_.width, result_.height, stride);
+  }
+
+  // --- Frames
+
+  Image load_vectors(const FrameSequence& sequence, int frame, const LayerDesc& layer) const {
+    return std::move(read_frame(sequence.path(frame), {{layer.name}}).layer(layer.name));
+  }
+
+  ReferenceFrame load_reference(int frame) const {
+    ReferenceFrame r;
+    r.frame = frame;
+    ReadOptions read{{options_.layer}};
+    const auto add = [&](bool use, const LayerDesc& layer) {
+      if (use) read.layers.push_back(layer.name);
+    };
+    const bool own_vectors = !motion_;
+    add(has_halves_, layers::color_a());
+    add(has_halves_, layers::color_b());
+    add(own_vectors && reads_backward_, layers::motion_backward());
+    add(own_vectors && reads_forward_, layers::motion_forward());
+    Frame f = read_frame(reference_.path(reference_frame(frame)), read);
+    r.image = std::move(f.layer(options_.layer));
+    const auto take = [&](bool use, const LayerDesc& layer, Image& image) {
+      if (use) image = std::move(f.layer(layer.name));
+    };
+    take(has_halves_, layers::color_a(), r.half_a);
+    take(has_halves_, layers::color_b(), r.half_b);
+    take(own_vectors && reads_backward_, layers::motion_backward(), r.backward);
+    take(own_vectors && reads_forward_, layers::motion_forward(), r.forward);
+    if (motion_ && motion_->has(frame)) {
+      if (reads_backward_) r.backward = load_vectors(*motion_, frame, layers::motion_backward());
+      if (reads_forward_) r.forward = load_vectors(*motion_, frame, layers::motion_forward());
+    }
+    for (const Image* vectors : {&r.backward, &r.forward}) {
+      if (!vectors->empty() && (vectors->width() != r.image.width() || vectors->height() != r.image.height())) {
+        throw Error(
+            ErrorCode::kBadInput,
+            fmt::format("the motion vectors of frame {} have {}x{} pixels, the reference {} has {}x{}", frame,
+                        vectors->width(), vectors->height(), reference_.pattern(), r.image.width(), r.image.height()));
+      }
+    }
+    return r;
+  }
+
+  void load(int frame) {
+    active_.clear();
+    for (Run& r : runs_) {
+      if (contains(result_.sides[r.side].frames, frame)) active_.push_back(&r);
+    }
+    const bool new_reference = !still_ || now_.image.empty();
+    parallel_for(-1, std::int64_t(active_.size()), [&](std::int64_t i) {
+      if (i < 0) {
+        if (new_reference) now_ = load_reference(frame);
+        return;
+      }
+      Run& r = *active_[std::size_t(i)];
+      ReadOptions read{{options_.layer}};
+      if (uses_test_motion_) read.layers.push_back(layers::motion_backward().name);
+      Frame f = read_frame(r.sequence->path(frame), read);
+      r.now = {frame, std::move(f.layer(options_.layer))};
+      if (uses_test_motion_) r.motion = std::move(f.layer(layers::motion_backward().name));
+    });
+    now_.frame = frame;
+    for (const Run* r : active_) {
+      if (r->now.image.width() == now_.image.width() && r->now.image.height() == now_.image.height()) continue;
+      throw Error(ErrorCode::kBadInput,
+                  fmt::format("{} has {}x{} pixels, the reference {} has {}x{}", r->sequence->path(frame),
+                              r->now.image.width(), r->now.image.height(), reference_.path(reference_frame(frame)),
+                              now_.image.width(), now_.image.height()));
+    }
+    if (now_.image.width() != result_.width || now_.image.height() != result_.height) {
+      throw Error(ErrorCode::kBadInput,
+                  fmt::format("{} has {}x{} pixels, frames before it {}x{}", reference_.path(reference_frame(frame)),
+                              now_.image.width(), now_.image.height(), result_.width, result_.height));
+    }
+  }
+
+  static const Image* some(const Image& image) { return image.empty() ? nullptr : &image; }
+
+  /// The reference in the frame before; null if that was not compared.
+  const Image* reference_before(int frame) const {
+    if (still_) return &now_.image;
+    return before_.frame == frame - step_ ? &before_.image : nullptr;
+  }
+
+  void measure(int frame) {
+    measure_reference();
+    const bool have_before = reference_before(frame) != nullptr;
+    Image previous;
+    if (uses_previous_ && have_before && !now_.backward.empty()) {
+      previous = previous_positions(now_.backward, some(before_.forward));
+    }
+    std::vector<TestFrame> tests;
+    for (const Run* r : active_) {
+      const bool pair = have_before && r->before.frame == frame - step_;
+      tests.push_back({&r->now.image, pair ? &r->before.image : nullptr, some(r->motion)});
+    }
+    const FrameBatch batch{now_.image, reference_before(frame), some(now_.backward), some(previous), tests, options_};
+    if (observer_) observer_->reference(frame, now_.image, some(now_.backward), some(now_.forward));
+
+    // Maps are drawn of the first run of each side.
+    std::map<std::pair<std::string_view, std::size_t>, Image> maps;
+    for (std::size_t m = 0; m < metrics_.size(); ++m) {
+      if (!metrics_[m]->measure) continue;
+      const bool drawn = std::find(drawn_.begin(), drawn_.end(), metrics_[m]) != drawn_.end();
+      std::vector<Measurement> out(active_.size());
+      for (std::size_t i = 0; i < active_.size(); ++i) {
+        if (drawn && active_[i]->index == 0) out[i].map = &maps[{metrics_[m]->info.id, i}];
+      }
+      metrics_[m]->measure(batch, out);
+      for (std::size_t i = 0; i < active_.size(); ++i) {
+        Run& r = *active_[i];
+        r.values[m][index_of(result_.sides[r.side].frames, frame)] = out[i].mean;
+      }
+    }
+    for (const Run* r : active_) {
+      CompareSide& side = result_.sides[r->side];
+      side.non_finite[index_of(side.frames, frame)] += count_non_finite(r->now.image);
+    }
+    if (uses_seeds_) measure_seeds();
+    if (uses_spectrum_ || uses_tracks_) record_residuals(frame);
+    if (observer_) show(frame, batch, maps);
+  }
+
+  /// The reference's own error: half of the difference of its halves has the variance of their mean.
+  void measure_reference() {
+    if (!has_halves_ || (still_ && !reference_errors_.empty())) return;
+    const PixelMean e = mean_over_pixels(result_.width, result_.height, nullptr, 0, [&](int x, int y) {
+      const Rgb a = now_.half_a.rgb(x, y), b = now_.half_b.rgb(x, y), r = now_.image.rgb(x, y);
+      double sum = 0;
+      for (int c = 0; c < 3; ++c) {
+        const double half = (double(a[c]) - double(b[c])) / 2;
+        sum += half * half / (double(r[c]) * double(r[c]) + options_.epsilon);
+      }
+      return std::isfinite(sum) ? sum / 3 : kUndefined;
+    });
+    reference_errors_.push_back(e.value);
+  }
+
+  /// The runs of a side that are in memory.
+  std::vector<const Image*> images_of(std::size_t side) const {
+    std::vector<const Image*> images;
+    for (const Run* r : active_) {
+      if (r->side == side) images.push_back(&r->now.image);
+    }
+    return images;
+  }
+
+  void measure_seeds() {
+    seeds_.resize(result_.sides.size());
+    for (std::size_t s = 0; s < result_.sides.size(); ++s) {
+      const std::vector<const Image*> images = images_of(s);
+      if (images.size() > 1) seeds_[s].push_back(bias_and_variance(images, now_.image, options_.epsilon));
+    }
+  }
+
+  void record_residuals(int frame) {
+    for (std::size_t s = 0; s < plans_.size(); ++s) {
+      SpectrumPlan& plan = plans_[s];
+      if (plan.segments.starts.empty() || !contains(result_.sides[s].frames, frame)) continue;
+      const auto at = std::int64_t(index_of(result_.sides[s].frames, frame)) - std::int64_t(plan.first);
+      if (at < 0 || at >= plan.frames) continue;
+      for (Tracks& t : plan.tracks) {
+        if (!before_.forward.empty()) t.advance(before_.forward, some(now_.backward));
+      }
+      const bool begins = contains(plan.segments.starts, int(at));
+      if (begins && uses_tracks_) plan.tracks.emplace_back(*choice_);
+      bool ended = false;
+      for (Run* r : active_) {
+        if (r->side != s) continue;
+        const auto record = [&](std::vector<SegmentRecord>& segments, bool use, bool tracked, PowerSums& power) {
+          if (!use) return;
+          if (begins) segments.emplace_back(plan.segments, choice_);
+          for (std::size_t i = 0; i < segments.size(); ++i) {
+            segments[i].add(r->now.image, now_.image, tracked ? &plan.tracks[i].positions() : nullptr);
+          }
+          if (!segments.front().full()) return;
+          segments.front().add_to(power);
+          segments.erase(segments.begin());
+          ended = true;
+        };
+        record(r->segments, uses_spectrum_, false, r->power);
+        record(r->segments_tracked, uses_tracks_, true, r->power_tracked);
+      }
+      if (ended && uses_tracks_) plan.tracks.erase(plan.tracks.begin());
+    }
+  }
+
+  void show(int frame, const FrameBatch& batch, std::map<std::pair<std::string_view, std::size_t>, Image>& maps) {
+    for (std::size_t i = 0; i < active_.size(); ++i) {
+      if (active_[i]->index != 0) continue;
+      for (const MetricEntry* e : drawn_) {  // those that were not measured anyway
+        Image& map = maps[{e->info.id, i}];
+        if (!map.empty()) continue;
+        const TestFrame one = batch.tests[i];
+        FrameBatch alone = batch;
+        alone.tests = {&one, 1};
+        Measurement out{{}, &map};
+        e->measure(alone, {&out, 1});
+      }
+      observer_->test(active_[i]->side, frame, active_[i]->now.image, [&](std::string_view id) -> const Image* {
+        const auto found = maps.find({id, i});
+        return found == maps.end() ? nullptr : some(found->second);
+      });
+    }
+  }
+
+  // --- Results
+
+  /// The series of a metric from the values of each run.
+  MetricSeries series_of(const MetricEntry& entry, const std::vector<const std::vector<PixelMean>*>& runs) const {
+    MetricSeries s;
+    s.metric = find_metric(entry.info.id);
+    bool partial = false;
+    std::vector<double> over_runs(runs.size());
+    for (std::size_t f = 0; f < runs[0]->size(); ++f) {
+      double coverage = 0;
+      for (std::size_t r = 0; r < runs.size(); ++r) {
+        over_runs[r] = (*runs[r])[f].value;
+        coverage += (*runs[r])[f].coverage / double(runs.size());
+      }
+      s.values.push_back(mean_error(over_runs).mean);
+      s.coverage.push_back(coverage);
+      partial |= coverage < 1;
+    }
+    if (!partial) s.coverage.clear();
+    s.mean = mean_error(s.values);
+    if (runs.size() > 1) {
+      for (std::size_t r = 0; r < runs.size(); ++r) {
+        std::vector<double> values;
+        for (const PixelMean& m : *runs[r]) values.push_back(m.value);
+        over_runs[r] = mean_error(values).mean;
+      }
+      s.mean = mean_error(over_runs);
+    }
+    if (entry.decibels) {
+      s.mean.standard_error *= 10 / std::log(10.0) / s.mean.mean;
+      s.mean.mean = decibels_below_peak(s.mean.mean);
+      for (double& v : s.values) v = decibels_below_peak(v);
+    }
+    return s;
+  }
+
+  MetricSeries seed_series(const MetricEntry& entry, std::size_t side) const {
+    MetricSeries s;
+    s.metric = find_metric(entry.info.id);
+    const bool bias = entry.info.id == "bias_squared";
+    std::vector<std::vector<double>> without;
+    for (const BiasVariance& b : seeds_[side]) {
+      s.values.push_back(bias ? b.bias_squared : b.variance);
+      without.push_back(bias ? b.bias_squared_without : b.variance_without);
+    }
+    s.mean = jackknife(s.values, without);
+    if (s.values.empty()) s.values.assign(result_.sides[side].frames.size(), kUndefined);
+    return s;
+  }
+
+  /// The spectrum of a side, the mean of those of its runs, and the power above the cutoff.
+  MetricSeries spectrum_series(const MetricEntry& entry, std::size_t side) {
+    const bool tracked = entry.info.needs == MetricNeeds::kTracks;
+    const SpectrumPlan& plan = plans_[side];
+    MetricSeries s;
+    s.metric = find_metric(entry.info.id);
+    if (plan.segments.starts.empty()) return s;
+    std::vector<double> flicker;
+    ResidualSpectrum mean;
+    const double all = double(result_.width) * double(result_.height) * double(plan.segments.starts.size());
+    for (const Run& r : runs_) {
+      if (r.side != side) continue;
+      const PowerSums& sums = tracked ? r.power_tracked : r.power;
+      const ResidualSpectrum one = spectrum_of(entry.info.id, plan.segments, sums, sums.pixels / all);
+      flicker.push_back(power_above(one, options_.cutoff));
+      if (flicker.size() == 1) {
+        mean = one;
+      } else {
+        const double n = double(flicker.size());
+        for (std::size_t k = 0; k < mean.power.size(); ++k) mean.power[k] += (one.power[k] - mean.power[k]) / n;
+        mean.coverage += (one.coverage - mean.coverage) / n;
+      }
+    }
+    s.mean = mean_error(flicker);
+    result_.sides[side].spectra.push_back(std::move(mean));
+    return s;
+  }
+
+  void finish() {
+    result_.reference_error = mean_error(reference_errors_);
+    seeds_.resize(result_.sides.size());
+    for (std::size_t s = 0; s < result_.sides.size(); ++s) {
+      for (std::size_t m = 0; m < metrics_.size(); ++m) {
+        const MetricEntry& e = *metrics_[m];
+        CompareSide& side = result_.sides[s];
+        if (e.info.needs == MetricNeeds::kSeeds) {
+          side.series.push_back(seed_series(e, s));
+        } else if (e.info.scope == MetricScope::kSequence) {
+          side.series.push_back(spectrum_series(e, s));
+        } else {
+          std::vector<const std::vector<PixelMean>*> values;
+          for (const Run& r : runs_) {
+            if (r.side == s) values.push_back(&r.values[m]);
+          }
+          side.series.push_back(series_of(e, values));
+        }
+      }
+    }
+    add_notes();
+  }
+
+  void add_notes() {
+    std::vector<std::string>& notes = result_.notes;
+    std::vector<std::string_view> trimmed;
+    for (const MetricInfo* m : result_.metrics) {
+      if (m->trims) trimmed.push_back(m->title);
+    }
+    if (options_.trim > 0 && !trimmed.empty()) {
+      notes.push_back(fmt::format("The {:g} % of the pixels with the largest errors are left out of {}.",
+                                  options_.trim * 100, fmt::join(trimmed, ", ")));
+    }
+    if ((uses_spectrum_ || uses_tracks_) && choice_->stride > 1) {
+      notes.push_back(
+          fmt::format("Flicker was measured at one pixel of each {0}x{0}, to save memory.", choice_->stride));
+    }
+    if (std::isfinite(result_.reference_error.mean)) {
+      notes.push_back(fmt::format("The reference's own relMSE is about {:.2g}.", result_.reference_error.mean));
+    }
+    for (const CompareSide& s : result_.sides) {
+      if (!s.missing.empty()) {
+        notes.push_back(fmt::format("{} lacks {} of the frames between its first and its last, from {} on.", s.name,
+                                    s.missing.size(), s.missing[0]));
+      }
+      if (!s.unmatched.empty()) {
+        notes.push_back(fmt::format("{} has {} frames that the reference lacks, from {} on.", s.name,
+                                    s.unmatched.size(), s.unmatched[0]));
+      }
+    }
+    for (const CompareSide& s : result_.sides) {
+      if (s.frames == result_.sides[0].frames) continue;
+      notes.push_back("The sides were compared in different frames.");
+      break;
+    }
+  }
+
+  const std::vector<CompareInput>& tests_;
+  const FrameSequence& reference_;
+  const CompareOptions& options_;
+  const CompareProgress& progress_;
+  CompareObserver* observer_;
+
+  CompareResult result_;
+  std::vector<const MetricEntry*> metrics_, drawn_;
+  bool still_ = false, has_halves_ = false, has_backward_ = false, has_forward_ = false, tests_have_motion_ = false;
+  bool uses_previous_ = false, uses_tracks_ = false, uses_test_motion_ = false, uses_pairs_ = false,
+       uses_seeds_ = false, uses_spectrum_ = false, reads_backward_ = false, reads_forward_ = false;
+  std::optional<FrameSequence> motion_;
+  std::vector<int> all_frames_;
+  int step_ = 1, done_ = 0, total_ = 0;
+
+  std::vector<Run> runs_;
+  std::vector<Run*> active_;  ///< that have the current frame
+  ReferenceFrame now_, before_;
+  std::vector<double> reference_errors_;
+  std::vector<std::vector<BiasVariance>> seeds_;  ///< [side][frame]
+  std::vector<SpectrumPlan> plans_;               ///< [side]
+  std::shared_ptr<const PixelChoice> choice_;
+};
+
+}  // namespace
+
+std::vector<std::string> distinguishing_labels(const std::vector<std::string>& names) {
+  if (names.size() == 1) return names;
+  std::vector<std::vector<std::string>> parts;
+  for (const std::string& name : names) {
+    auto& p = parts.emplace_back();
+    for (const std::filesystem::path& folder : std::filesystem::path(name)) p.push_back(folder.string());
+  }
+  const auto all_have = [&](auto&& part) {
+    return std::all_of(parts.begin(), parts.end(),
+                       [&](const auto& p) { return p.size() > 1 && part(p) == part(parts[0]); });
+  };
+  while (all_have([](const auto& p) { return p.front(); })) {
+    for (auto& p : parts) p.erase(p.begin());
+  }
+  while (all_have([](const auto& p) { return p.back(); })) {
+    for (auto& p : parts) p.pop_back();
+  }
+  std::vector<std::string> out;
+  for (const auto& p : parts) out.push_back(fmt::format("{}", fmt::join(p, "/")));
   return out;
 }
 
-FrameFigures mean_of(const std::vector<FrameFigures>& frames) {
-  FrameFigures mean;
-  mean.frame = int(frames.size());
-  if (frames.empty()) return mean;
-  double flip = 0, hdr = 0;
-  for (const FrameFigures& f : frames) {
-    mean.mse += f.mse;
-    mean.relative_mse += f.relative_mse;
-    flip += f.flip;
-    hdr += f.hdr_flip;
-    mean.non_finite += f.non_finite;
+void CompareObserver::reference(int, const Image&, const Image*, const Image*) {}
+void CompareObserver::test(std::size_t, int, const Image&, const std::function<const Image*(std::string_view)>&) {}
+
+const MetricSeries* CompareSide::find(std::string_view id) const {
+  for (const MetricSeries& s : series) {
+    if (s.metric->id == id) return &s;
   }
-  const double n = double(frames.size());
-  mean.mse /= n, mean.relative_mse /= n;
-  // All frames have these figures or none.
-  mean.flip = flip / n, mean.hdr_flip = hdr / n;
-  return mean;
+  return nullptr;
 }
 
-nlohmann::ordered_json json_of(const FrameFigures& f) {
-  nlohmann::ordered_json j{{"mse", f.mse}, {"relative_mse", f.relative_mse}};
-  if (f.flip >= 0) j["flip"] = f.flip;
-  if (f.hdr_flip >= 0) j["hdr_flip"] = f.hdr_flip;
-  j["non_finite"] = f.non_finite;
-  return j;
-}
-
-/// A CSV field: quoted when it holds what separates fields.
-std::string field(const std::string& text) {
-  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
-  std::string out = "\"";
-  for (const char c : text) out += c == '"' ? std::string("\"\"") : std::string(1, c);
-  return out + "\"";
-}
-
-std::string csv_of(const FrameFigures& f) {
-  const auto optional = [](double v) { return v >= 0 ? fmt::format("{}", v) : std::string(); };
-  return fmt::format("{},{},{},{},{}\n", f.mse, f.relative_mse, optional(f.flip), optional(f.hdr_flip), f.non_finite);
-}
-}  // namespace
-
-FrameFigures compare_images(const Image& test, const Image& reference, const CompareOptions& options) {
-  FrameFigures f;
-  f.mse = mse(test, reference);
-  f.relative_mse = relative_mse(test, reference, nullptr, options.epsilon);
-  f.non_finite = count_non_finite(test);
-  if (options.flip) {
-    const float scale = std::exp2(options.exposure);
-    f.flip = scale == 1 ? flip(test, reference, nullptr, options.pixels_per_degree)
-                        : flip(scaled(test, scale), scaled(reference, scale), nullptr, options.pixels_per_degree);
-  }
-  if (options.hdr_flip) f.hdr_flip = hdr_flip(test, reference, nullptr, options.pixels_per_degree);
-  return f;
-}
-
-CompareResult compare_sequences(const std::vector<FrameSequence>& tests, const FrameSequence& reference,
-                                const CompareOptions& options, const CompareProgress& progress) {
-  CompareResult result{reference.pattern(), options.layer, {}};
-  const bool still = reference.frames().size() == 1;
-  const auto reference_frame = [&](int frame) { return still ? reference.frames()[0] : frame; };
-  int total = 0, done = 0;
-  std::vector<std::vector<int>> work;
-  for (const FrameSequence& test : tests) {
-    CompareSide side{test.pattern(), {}, {}, {}};
-    std::vector<int> frames;
-    for (const int f : test.frames()) {
-      if (!options.frames.empty() && std::find(options.frames.begin(), options.frames.end(), f) == options.frames.end())
-        continue;
-      if (reference.has(reference_frame(f))) {
-        frames.push_back(f);
-      } else {
-        side.unmatched.push_back(f);
-      }
-    }
-    if (frames.empty()) {
-      throw Error(ErrorCode::kBadInput,
-                  fmt::format("{} and the reference {} have no frame to compare", test.pattern(), reference.pattern()));
-    }
-    total += int(frames.size());
-    work.push_back(std::move(frames));
-    result.sides.push_back(std::move(side));
-  }
-
-  ReadOptions read;
-  read.layers = {options.layer};
-  const auto load = [&](const std::string& path) {
-    Frame f = read_frame(path, read);
-    return std::move(f.layer(options.layer));
-  };
-  Image expected;
-  std::string expected_path;
-  for (std::size_t i = 0; i < tests.size(); ++i) {
-    for (const int frame : work[i]) {
-      const std::string test_path = tests[i].path(frame), path = reference.path(reference_frame(frame));
-      if (path != expected_path) expected = load(path), expected_path = path;
-      const Image image = load(test_path);
-      if (image.width() != expected.width() || image.height() != expected.height()) {
-        throw Error(ErrorCode::kBadInput,
-                    fmt::format("{} has {}x{} pixels, the reference {} has {}x{}", test_path, image.width(),
-                                image.height(), path, expected.width(), expected.height()));
-      }
-      FrameFigures f = compare_images(image, expected, options);
-      f.frame = frame;
-      result.sides[i].frames.push_back(f);
-      if (progress) progress(++done, total);
-    }
-    result.sides[i].mean = mean_of(result.sides[i].frames);
-  }
-  return result;
-}
-
-std::string to_json(const CompareResult& result) {
-  nlohmann::ordered_json j{
-      {"layer", result.layer}, {"reference", result.reference}, {"sides", nlohmann::ordered_json::array()}};
-  for (const CompareSide& s : result.sides) {
-    nlohmann::ordered_json side{{"name", s.name},
-                                {"mean", json_of(s.mean)},
-                                {"frames", nlohmann::ordered_json::array()},
-                                {"unmatched", s.unmatched}};
-    for (const FrameFigures& f : s.frames) {
-      nlohmann::ordered_json line{{"frame", f.frame}};
-      line.update(json_of(f));
-      side["frames"].push_back(std::move(line));
-    }
-    j["sides"].push_back(std::move(side));
-  }
-  return j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
-}
-
-std::string to_csv(const CompareResult& result) {
-  std::string text = "name,frame,mse,relative_mse,flip,hdr_flip,non_finite\n";
-  for (const CompareSide& s : result.sides) {
-    for (const FrameFigures& f : s.frames) text += fmt::format("{},{},{}", field(s.name), f.frame, csv_of(f));
-    text += fmt::format("{},mean,{}", field(s.name), csv_of(s.mean));
-  }
-  return text;
-}
-
-std::string to_table(const CompareResult& result) {
-  std::size_t width = 4;
-  for (const CompareSide& s : result.sides) width = std::max(width, s.name.size());
-  const bool several = result.sides.size() > 1;
-  std::string text = fmt::format("{:{}}  {:>6}  {:>11}  {:>11}  {:>8}  {:>8}  {:>10}", "", width, "frames", "MSE",
-                                 "relMSE", "FLIP", "HDR-FLIP", "non-finite");
-  text += several ? "  relMSE to first\n" : "\n";
-  const auto optional = [](double v) { return v >= 0 ? fmt::format("{:.5f}", v) : std::string("-"); };
-  for (const CompareSide& s : result.sides) {
-    const FrameFigures& m = s.mean;
-    text += fmt::format("{:{}}  {:>6}  {:>11.5g}  {:>11.5g}  {:>8}  {:>8}  {:>10}", s.name, width, m.frame, m.mse,
-                        m.relative_mse, optional(m.flip), optional(m.hdr_flip), m.non_finite);
-    const double first = result.sides[0].mean.relative_mse;
-    if (several) text += first > 0 ? fmt::format("  {:.3f}x", m.relative_mse / first) : "  -";
-    text += "\n";
-  }
-  return text;
+CompareResult compare_sequences(const std::vector<CompareInput>& tests, const FrameSequence& reference,
+                                const CompareOptions& options, const CompareProgress& progress,
+                                CompareObserver* observer) {
+  return Comparison(tests, reference, options, progress, observer).run();
 }
 
 }  // namespace tempera

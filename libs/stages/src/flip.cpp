@@ -5,58 +5,24 @@
 //   c_start, c_stop, N    -> FlipExposures::start, stop, count
 // The two-dimensional filters are sums of products of one-dimensional ones: images are filtered along rows, then along
 // columns, as planes of floats, which the compiler turns into SIMD code.
+#include "flip.h"
+
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <functional>
+#include <utility>
 #include <vector>
 
-#include <fmt/format.h>
-
-#include "tempera/core/parallel.h"
-#include "tempera/stages/metrics.h"
+#include "fast_math.h"
+#include "pixel_mean.h"
 
 namespace tempera {
 namespace {
 
 constexpr float kColorExponent = 0.7f, kColorKnee = 0.4f, kColorTail = 0.95f;
 constexpr float kFeatureWidth = 0.082f, kFeatureExponent = 0.5f;
-constexpr int kGrain = 8;  ///< rows a task
-
-// --- Elementary functions without branches or calls, so that loops over pixels become SIMD code
-// ------------------------
-
-/// log2 of a positive normal number; absolute error below 2e-6.
-inline float log2_fast(float x) {
-  const std::uint32_t bits = std::bit_cast<std::uint32_t>(x);
-  // Mantissa in [sqrt(1/2), sqrt(2)), so that the series converges evenly around 1.
-  const std::uint32_t shifted = bits - 0x3f3504f3u;
-  const float exponent = float(std::int32_t(shifted) >> 23);
-  const float m = std::bit_cast<float>((shifted & 0x007fffffu) + 0x3f3504f3u);
-  // log2(m) = 2 / ln 2 * atanh(s), s = (m - 1) / (m + 1)
-  const float s = (m - 1) / (m + 1), s2 = s * s;
-  return exponent + s * (2.88539008f + s2 * (0.961796694f + s2 * (0.577078016f + s2 * 0.412198583f)));
-}
-
-/// 2^x for x in [-126, 126]; relative error below 1e-6.
-inline float exp2_fast(float x) {
-  const float whole = std::floor(x + 0.5f), f = x - whole;  // f in [-0.5, 0.5]
-  const float p =
-      1 +
-      f * (0.693147181f + f * (0.240226507f + f * (0.0555041087f +
-                                                   f * (0.00961812911f + f * (0.00133335581f + f * 0.000154035304f)))));
-  return std::bit_cast<float>(std::bit_cast<std::uint32_t>(p) + (std::uint32_t(std::int32_t(whole)) << 23));
-}
-
-/// x^p for x >= 0 and p > 0; 0 for x below 1e-30.
-inline float pow_fast(float x, float p) {
-  const float safe = std::max(x, 1e-30f);
-  const float r = exp2_fast(p * log2_fast(safe));
-  return x > 1e-30f ? r : 0.0f;
-}
 
 // --- Color spaces, illuminant D65
-// ---------------------------------------------------------------------------------------
 
 // Linear RGB to XYZ relative to the white point, so that white is (1, 1, 1): the rows of the matrix divided by it.
 struct Matrix {
@@ -100,7 +66,6 @@ inline float distance(const Lab& p, const Lab& q) {
 }
 
 // --- Filters
-// ------------------------------------------------------------------------------------------------------------
 
 using Taps = std::vector<float>;  ///< an odd number, the middle one at 0
 
@@ -218,7 +183,7 @@ void filter_rows(const Filters& f, const RowSource& source, int width, int heigh
         filter_row(f.dg, py + pad - feature_radius, planes.row(kDg, y), width);
         filter_row(f.ddg, py + pad - feature_radius, planes.row(kDdg, y), width);
       },
-      kGrain);
+      kRowGrain);
 }
 
 /// out += taps along the column of `plane` around row y.
@@ -239,25 +204,39 @@ inline Lab clamped_lab(float y, float cx, float cz) {
   return hunt_lab(r, g, b);
 }
 
-/// Colors and features of one row after both passes. One function computes them for both images, and stores them, so
-/// that equal images differ by exactly 0 whatever the compiler fuses.
-struct FilteredRow {
-  std::vector<float> l, a, b, edge, point;
-
-  void compute(const Filters& f, const Planes& p, int y, int width, int height) {
-    for (auto* v : {&l, &a, &b, &edge, &point, &dy_, &ddy_}) v->assign(std::size_t(width), 0.0f);
-    filter_column(f.y, p, kY, y, width, height, l.data());
-    filter_column(f.cx, p, kCx, y, width, height, a.data());
-    filter_column(f.cz1, p, kCz1, y, width, height, b.data());
-    filter_column(f.cz2, p, kCz2, y, width, height, b.data());
-    filter_column(f.g, p, kDg, y, width, height, edge.data());
-    filter_column(f.dg, p, kG, y, width, height, dy_.data());
-    filter_column(f.g, p, kDdg, y, width, height, point.data());
-    filter_column(f.ddg, p, kG, y, width, height, ddy_.data());
-    finish(width, l.data(), a.data(), b.data(), edge.data(), point.data(), dy_.data(), ddy_.data());
+/// Colors and features of pixels after both passes: planes of `width` columns. One function computes them for both
+/// pictures, and stores them, so that equal pictures differ by exactly 0 whatever the compiler fuses.
+class Features {
+ public:
+  void resize(int width, int height) {
+    width_ = width;
+    data_.resize(std::size_t(width) * std::size_t(height) * kCount);
   }
+  /// Row `y` of `p` becomes row `to` of the features.
+  void compute(const Filters& f, const Planes& p, int y, int height, int to) {
+    float *l = row(kL, to), *a = row(kA, to), *b = row(kB, to), *edge = row(kEdge, to), *point = row(kPoint, to);
+    thread_local std::vector<float> derivatives;
+    derivatives.assign(std::size_t(width_) * 2, 0.0f);
+    std::fill(l, l + width_ * kCount, 0.0f);
+    float *dy = derivatives.data(), *ddy = dy + width_;
+    filter_column(f.y, p, kY, y, width_, height, l);
+    filter_column(f.cx, p, kCx, y, width_, height, a);
+    filter_column(f.cz1, p, kCz1, y, width_, height, b);
+    filter_column(f.cz2, p, kCz2, y, width_, height, b);
+    filter_column(f.g, p, kDg, y, width_, height, edge);
+    filter_column(f.dg, p, kG, y, width_, height, dy);
+    filter_column(f.g, p, kDdg, y, width_, height, point);
+    filter_column(f.ddg, p, kG, y, width_, height, ddy);
+    finish(width_, l, a, b, edge, point, dy, ddy);
+  }
+  /// L, a, b, edge and point: `width` values each, one after the other.
+  const float* row(int y) const { return data_.data() + std::size_t(y) * std::size_t(width_) * kCount; }
 
  private:
+  enum { kL, kA, kB, kEdge, kPoint, kCount };
+  float* row(int plane, int y) {
+    return data_.data() + (std::size_t(y) * kCount + std::size_t(plane)) * std::size_t(width_);
+  }
   static void finish(int width, float* __restrict l, float* __restrict a, float* __restrict b, float* __restrict edge,
                      float* __restrict point, const float* __restrict dy, const float* __restrict ddy) {
     for (int x = 0; x < width; ++x) {
@@ -267,67 +246,82 @@ struct FilteredRow {
       point[x] = std::sqrt(point[x] * point[x] + ddy[x] * ddy[x]);
     }
   }
-  std::vector<float> dy_, ddy_;
+  int width_ = 0;
+  std::vector<float> data_;
 };
 
-/// Compares pairs of one size; memory is kept between calls.
+/// Compares pictures of one size with a reference; memory is kept between calls.
 class Flip {
  public:
   Flip(int width, int height, float ppd)
-      : width_(width), height_(height), filters_(make_filters(ppd)), test_(width, height), reference_(width, height) {
+      : width_(width), height_(height), filters_(make_filters(ppd)), planes_(width, height) {
     // The largest color difference: between green and blue.
     max_color_ = std::pow(distance(hunt_lab(0, 1, 0), hunt_lab(0, 0, 1)), kColorExponent);
+    reference_.resize(width, height);
+  }
+
+  void set_reference(const RowSource& reference) {
+    filter_rows(filters_, reference, width_, height_, planes_);
+    parallel_for(
+        0, height_, [&](std::int64_t y) { reference_.compute(filters_, planes_, int(y), height_, int(y)); }, kRowGrain);
   }
 
   /// Sets map = max(map, FLIP).
-  void compare(const RowSource& test, const RowSource& reference, Image& map) {
-    filter_rows(filters_, test, width_, height_, test_);
-    filter_rows(filters_, reference, width_, height_, reference_);
-    const float knee = kColorKnee * max_color_, below = kColorTail / knee,
-                above = (1 - kColorTail) / (max_color_ - knee);
+  void compare(const RowSource& test, Image& map) {
+    filter_rows(filters_, test, width_, height_, planes_);
     parallel_for(
         0, height_,
-        [&](std::int64_t row_index) {
-          const int y = int(row_index);
-          thread_local FilteredRow t, r;  // keep their memory
-          t.compute(filters_, test_, y, width_, height_);
-          r.compute(filters_, reference_, y, width_, height_);
-          float* out = map.row(y);
-          for (int x = 0; x < width_; ++x) {
-            const float d = distance({r.l[x], r.a[x], r.b[x]}, {t.l[x], t.a[x], t.b[x]});
-            const float powered = pow_fast(d, kColorExponent);
-            const float color_difference = powered < knee ? powered * below : kColorTail + (powered - knee) * above;
-            static_assert(kFeatureExponent == 0.5f);
-            const float feature = std::max(std::abs(r.edge[x] - t.edge[x]), std::abs(r.point[x] - t.point[x]));
-            const float feature_difference = std::sqrt(0.70710678f * feature);
-            out[x] = std::max(out[x], pow_fast(color_difference, 1 - feature_difference));
-          }
+        [&](std::int64_t y) {
+          thread_local Features row;  // keeps its memory
+          row.resize(width_, 1);
+          row.compute(filters_, planes_, int(y), height_, 0);
+          difference(width_, max_color_, row.row(0), reference_.row(int(y)), map.row(int(y)));
         },
-        kGrain);
+        kRowGrain);
   }
 
  private:
+  static void difference(int w, float max_color, const float* __restrict t, const float* __restrict r,
+                         float* __restrict out) {
+    const float knee = kColorKnee * max_color, below = kColorTail / knee, above = (1 - kColorTail) / (max_color - knee);
+    for (int x = 0; x < w; ++x) {
+      const float d = distance({r[x], r[w + x], r[2 * w + x]}, {t[x], t[w + x], t[2 * w + x]});
+      const float powered = pow_fast(d, kColorExponent);
+      const float color_difference = powered < knee ? powered * below : kColorTail + (powered - knee) * above;
+      static_assert(kFeatureExponent == 0.5f);
+      const float feature = std::max(std::abs(r[3 * w + x] - t[3 * w + x]), std::abs(r[4 * w + x] - t[4 * w + x]));
+      const float feature_difference = std::sqrt(0.70710678f * feature);
+      out[x] = std::max(out[x], pow_fast(color_difference, 1 - feature_difference));
+    }
+  }
+
   int width_, height_;
   Filters filters_;
-  Planes test_, reference_;
+  Planes planes_;  ///< of the picture that is being filtered
+  Features reference_;
   float max_color_;
 };
 
-double mean_of(const Image& map) {
-  double sum = 0;
-  for (int y = 0; y < map.height(); ++y) {
-    double line = 0;
-    for (int x = 0; x < map.width(); ++x) line += map.at(x, y);
-    sum += line;
+/// The maps of the tests, all 0; those that nobody wants are in `local`.
+std::vector<Image*> empty_maps(std::span<const FlipTest> tests, const Image& reference, std::vector<Image>& local) {
+  local.resize(tests.size());
+  std::vector<Image*> maps;
+  for (std::size_t i = 0; i < tests.size(); ++i) {
+    check_sizes(*tests[i].image, reference);
+    maps.push_back(tests[i].map ? tests[i].map : &local[i]);
+    *maps.back() = Image(reference.width(), reference.height(), 1);
   }
-  return sum / double(map.pixels());
+  return maps;
 }
 
-void check(const Image& test, const Image& reference) {
-  if (test.width() != reference.width() || test.height() != reference.height() || test.empty()) {
-    throw Error(ErrorCode::kBadInput, fmt::format("cannot compare {}x{} pixels with a reference of {}x{}", test.width(),
-                                                  test.height(), reference.width(), reference.height()));
+std::vector<double> means_of(const std::vector<Image*>& maps) {
+  std::vector<double> means;
+  for (const Image* map : maps) {
+    means.push_back(mean_over_pixels(map->width(), map->height(), nullptr, 0, [&](int x, int y) {
+                      return double(map->at(x, y));
+                    }).value);
   }
+  return means;
 }
 
 inline float unit(float v) { return v > 0 ? std::min(v, 1.0f) : 0.0f; }  // NaN becomes 0
@@ -336,21 +330,27 @@ inline float unit(float v) { return v > 0 ? std::min(v, 1.0f) : 0.0f; }  // NaN 
 constexpr float kA = 0.6f * 0.6f * 2.51f, kB = 0.6f * 0.03f, kC = 0.6f * 0.6f * 2.43f, kD = 0.6f * 0.59f, kE = 0.14f;
 }  // namespace
 
-double flip(const Image& test, const Image& reference, Image* map, float pixels_per_degree) {
-  check(test, reference);
-  Image local(test.width(), test.height(), 1);
-  const auto source = [](const Image& image) -> RowSource {
-    return [&image](int y, float* r, float* g, float* b) {
+std::vector<double> flip(std::span<const FlipTest> tests, const Image& reference, float scale,
+                         float pixels_per_degree) {
+  std::vector<Image> local;
+  const std::vector<Image*> maps = empty_maps(tests, reference, local);
+  const auto source = [scale](const Image& image) -> RowSource {
+    return [&image, scale](int y, float* r, float* g, float* b) {
       for (int x = 0; x < image.width(); ++x) {
         const Rgb c = image.rgb(x, y);
-        r[x] = unit(c.r), g[x] = unit(c.g), b[x] = unit(c.b);
+        r[x] = unit(c.r * scale), g[x] = unit(c.g * scale), b[x] = unit(c.b * scale);
       }
     };
   };
-  Flip(test.width(), test.height(), pixels_per_degree).compare(source(test), source(reference), local);
-  const double mean = mean_of(local);
-  if (map) *map = std::move(local);
-  return mean;
+  Flip flip(reference.width(), reference.height(), pixels_per_degree);
+  flip.set_reference(source(reference));
+  for (std::size_t i = 0; i < tests.size(); ++i) flip.compare(source(*tests[i].image), *maps[i]);
+  return means_of(maps);
+}
+
+double flip(const Image& test, const Image& reference, Image* map, float pixels_per_degree) {
+  const FlipTest one{&test, map};
+  return flip({&one, 1}, reference, 1, pixels_per_degree)[0];
 }
 
 FlipExposures flip_exposures(const Image& reference) {
@@ -387,11 +387,11 @@ FlipExposures flip_exposures(const Image& reference) {
   return e;
 }
 
-double hdr_flip(const Image& test, const Image& reference, Image* map, float pixels_per_degree) {
-  check(test, reference);
+std::vector<double> hdr_flip(std::span<const FlipTest> tests, const Image& reference, float pixels_per_degree) {
+  std::vector<Image> local;
+  const std::vector<Image*> maps = empty_maps(tests, reference, local);
   const FlipExposures e = flip_exposures(reference);
-  Image local(test.width(), test.height(), 1);
-  Flip flip(test.width(), test.height(), pixels_per_degree);
+  Flip flip(reference.width(), reference.height(), pixels_per_degree);
   for (int i = 0; i < e.count; ++i) {
     const float scale = std::exp2(e.start + float(i) * ((e.stop - e.start) / float(e.count - 1)));
     const auto source = [scale](const Image& image) -> RowSource {
@@ -406,12 +406,16 @@ double hdr_flip(const Image& test, const Image& reference, Image* map, float pix
         }
       };
     };
-    flip.compare(source(test), source(reference), local);
+    flip.set_reference(source(reference));
+    for (std::size_t t = 0; t < tests.size(); ++t) flip.compare(source(*tests[t].image), *maps[t]);
     if (e.start == e.stop) break;
   }
-  const double mean = mean_of(local);
-  if (map) *map = std::move(local);
-  return mean;
+  return means_of(maps);
+}
+
+double hdr_flip(const Image& test, const Image& reference, Image* map, float pixels_per_degree) {
+  const FlipTest one{&test, map};
+  return hdr_flip({&one, 1}, reference, pixels_per_degree)[0];
 }
 
 }  // namespace tempera

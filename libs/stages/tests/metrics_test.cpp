@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "tempera/core/color.h"
 #include "tempera/core/parallel.h"
 #include "tempera/core/random.h"
 
@@ -78,6 +79,87 @@ TEST(Mse, NonFinitePixelsAreLeftOutAndCounted) {
   EXPECT_EQ(count_non_finite(test), 3);
 }
 
+// The values of NumPy for the same pictures: tools/metric_constants.py prints all constants of this file.
+TEST(Mse, AgreesWithNumPy) {
+  const Image reference = picture(Kind::kReference), noise = picture(Kind::kNoise), shift = picture(Kind::kShift);
+  EXPECT_NEAR(mse(noise, reference), 0.007259066401, 1e-9);
+  EXPECT_NEAR(mse(shift, reference), 0.02185610252, 1e-9);
+  EXPECT_NEAR(relative_mse(noise, reference), 0.1173076176, 1e-7);
+  EXPECT_NEAR(relative_mse(shift, reference), 0.1971043055, 1e-7);
+  EXPECT_NEAR(relative_mse_gray(noise, reference), 0.1394763484, 1e-7);
+  EXPECT_NEAR(relative_mse_gray(shift, reference), 0.2657289589, 1e-7);
+  EXPECT_NEAR(relative_mse(noise, reference, nullptr, 1e-2, 0.05), 0.09927399957, 1e-7);
+  EXPECT_NEAR(relative_mse(shift, reference, nullptr, 1e-2, 0.05), 0.1157450827, 1e-7);
+  EXPECT_NEAR(luminance_bias(noise, reference), 0.00207815588, 1e-6);
+  EXPECT_NEAR(luminance_bias(shift, reference), -0.009529186614, 1e-6);
+}
+
+TEST(Mse, GrayReferenceWeighsSaturatedColorsLikeGrayOnes) {
+  const Image reference = constant({0, 0, 3}), test = constant({0.1f, 0, 3});
+  EXPECT_NEAR(relative_mse_gray(test, reference), 0.01 / 3 / (1 + 1e-3), 1e-8);
+  EXPECT_NEAR(relative_mse(test, reference), 0.01 / 3 / 1e-2, 1e-7);
+}
+
+TEST(Mse, TrimmingLeavesOutTheLargestErrors) {
+  const Image reference = constant(Rgb(1.0f), 100, 10);
+  Image test = constant(Rgb(1.5f), 100, 10), map;
+  test.set_rgb(3, 4, Rgb(1001));  // a firefly: one pixel of a thousand
+  EXPECT_NEAR(mse(test, reference), (999 * 0.25 + 1e6) / 1000, 1e-6);
+  EXPECT_NEAR(mse(test, reference, nullptr, 0.001), 0.25, 1e-12);
+  EXPECT_NEAR(mse(test, reference, &map, 0.0009), (999 * 0.25 + 1e6) / 1000, 1e-6) << "less than one pixel";
+  EXPECT_EQ(map.at(3, 4), 1e6f) << "maps show everything";
+  test.set_rgb(7, 7, Rgb(std::nanf("")));  // does not count, and so is not what is left out
+  EXPECT_NEAR(mse(test, reference, nullptr, 0.0011), 0.25, 1e-12);
+}
+
+TEST(Mse, NothingLeftIsNotANumber) {
+  const Image reference = constant(Rgb(1.0f), 4, 4), test = constant(Rgb(kInfinity), 4, 4);
+  EXPECT_TRUE(std::isnan(mse(test, reference)));
+  EXPECT_TRUE(std::isnan(luminance_bias(test, reference)));
+  EXPECT_TRUE(std::isnan(luminance_bias(reference, constant(Rgb(0.0f), 4, 4))));
+}
+
+TEST(LuminanceBias, ClosedForm) {
+  const Image reference = picture(Kind::kReference);
+  Image brighter = reference;
+  for (float& v : brighter.values()) v *= 1.25f;
+  EXPECT_NEAR(luminance_bias(brighter, reference), 0.25, 1e-6);
+  EXPECT_EQ(luminance_bias(reference, reference), 0);
+}
+
+// The values of scikit-image 0.26 for the displayed pictures.
+TEST(Psnr, AgreesWithScikitImage) {
+  const Image reference = picture(Kind::kReference), noise = picture(Kind::kNoise), shift = picture(Kind::kShift);
+  EXPECT_NEAR(psnr(noise, reference), 19.66725405, 1e-4);
+  EXPECT_NEAR(psnr(shift, reference), 18.81692885, 1e-4);
+  EXPECT_NEAR(psnr(noise, reference, -1), 22.30991684, 1e-4);
+  EXPECT_NEAR(psnr(shift, reference, -1), 21.32551215, 1e-4);
+  EXPECT_EQ(psnr(noise, noise), INFINITY);
+  EXPECT_NEAR(display_mse(noise, reference), std::pow(10, -1.966725405), 1e-7);
+}
+
+TEST(Psnr, SeesWhatADisplayShows) {
+  EXPECT_EQ(psnr(constant(Rgb(7.0f)), constant(Rgb(1.0f))), INFINITY) << "both are white";
+  EXPECT_EQ(psnr(constant(Rgb(std::nanf(""))), constant(Rgb(-1.0f))), INFINITY) << "both are black";
+  EXPECT_NEAR(psnr(constant(Rgb(1.0f)), constant(Rgb(0.0f))), 0, 1e-5);
+  EXPECT_NEAR(psnr(constant(Rgb(2.0f)), constant(Rgb(1.0f)), -1), -20 * std::log10(1 - linear_to_srgb(0.5f)), 1e-4);
+}
+
+TEST(Ssim, AgreesWithScikitImage) {
+  const Image reference = picture(Kind::kReference), noise = picture(Kind::kNoise), shift = picture(Kind::kShift);
+  EXPECT_NEAR(ssim(noise, reference), 0.8188856504, 1e-5);
+  EXPECT_NEAR(ssim(shift, reference), 0.4353979931, 1e-5);
+  EXPECT_EQ(ssim(noise, noise), 1);
+  EXPECT_NEAR(ssim(noise, reference), ssim(reference, noise), 1e-7) << "it is symmetric";
+}
+
+TEST(Ssim, ClosedFormOfFlatPictures) {  // only the first of its factors is left
+  const double a = linear_to_srgb(0.25f), b = linear_to_srgb(0.5f);
+  EXPECT_NEAR(ssim(constant(Rgb(0.25f)), constant(Rgb(0.5f))), (2 * a * b + 1e-4) / (a * a + b * b + 1e-4), 2e-5);
+  EXPECT_TRUE(std::isnan(ssim(Image(10, 40, 3), Image(10, 40, 3)))) << "no window fits";
+  EXPECT_EQ(ssim(Image(11, 11, 3), Image(11, 11, 3)), 1);
+}
+
 TEST(Mse, AlphaDoesNotCount) {
   Image reference(2, 2, 4), test(2, 2, 4);
   test.at(1, 1, 3) = 5;
@@ -90,7 +172,13 @@ TEST(Metrics, DifferentSizesAreErrors) {
   for (auto metric : {+[](const Image&x, const Image&y) { return mse(x, y); },
                       +[](const Image&x, const Image&y) { return relative_mse(x, y); },
                       +[](const Image&x, const Image&y) { return flip(x, y); },
-                      +[](const Image&x, const Image&y) { return hdr_flip(x, y); }}) {
+                      +[](const Image&x, const Image&y) { return hdr_flip(x, y); },
+                      +[](const Image&x, const Image&y) { return psnr(x, y); },
+                      +[](const Image&x, const Image&y) { return ssim(x, y); },
+                      +[](const Image&x, const Image&y) { return luminance_bias(x, y); },
+                      +[](const Image&x, const Image&y) { return temporal_error(x, x, y, y).value; },
+                      +[](const Image&x, const Image&y) { return motion_error(x, y).value; },
+                      +[](const Image&x, const Image&y) { return luminance_change(x, y).value; }}) {
     try {
       metric(a, b);
       ADD_FAILURE() << "no Error was thrown";
@@ -166,14 +254,17 @@ TEST(HdrFlip, BlackReferences) {
 
 TEST(Metrics, SameBitsOnAnyNumberOfThreads) {
   const Image reference = picture(Kind::kReference, 123, 77), test = picture(Kind::kNoise, 123, 77);
-  double one[4], seven[4];
+  double one[9], seven[9];
   const auto all = [&](double* out) {
     out[0] = mse(test, reference), out[1] = relative_mse(test, reference);
     out[2] = flip(test, reference), out[3] = hdr_flip(cubed(test), cubed(reference));
+    out[4] = psnr(test, reference), out[5] = ssim(test, reference), out[6] = luminance_bias(test, reference);
+    out[7] = relative_mse_gray(test, reference, nullptr, 1e-3, 0.01);
+    out[8] = luminance_change(test, reference).value;
   };
   with_threads(1, [&] { all(one); });
   with_threads(7, [&] { all(seven); });
-  for (int i = 0; i < 4; ++i) EXPECT_EQ(one[i], seven[i]) << i;
+  for (int i = 0; i < 9; ++i) EXPECT_EQ(one[i], seven[i]) << i;
 }
 
 }  // namespace

@@ -1,71 +1,145 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Frame sequences against a reference: figures of each frame and their means, as a table, JSON or CSV.
+// Frame sequences against a reference: the metrics of each frame, their means over the sequence with standard errors,
+// and what only a sequence has (flicker, spectra), as a table, JSON or CSV.
+#include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "tempera/frames/image.h"
 #include "tempera/frames/sequence.h"
+#include "tempera/stages/metric_catalog.h"
 #include "tempera/stages/metrics.h"
+#include "tempera/stages/statistics.h"
 
 namespace tempera {
 
+inline constexpr double kUndefined = std::numeric_limits<double>::quiet_NaN();
+
+/// One method: a sequence, or several runs of it that differ in their seed alone.
+struct CompareInput {
+  std::string name;                 ///< for tables and reports
+  std::vector<FrameSequence> runs;  ///< at least one
+};
+
+/// "[NAME=]PATTERN": a picture, folder or sequence. A '*' in a folder or file name stands for any text, and makes a
+/// group of all sequences that match, in the order of their names: runs with different seeds, "out/s*/f.####.exr". The
+/// name is the pattern if none is given. Errors: Error{kMissingFile} if nothing matches; those of FrameSequence.
+CompareInput parse_compare_input(const std::string& text);
+
+/// The parts of `names` between the folders that all of them begin and end with: "path" and "mlt" of "out/path/f.exr"
+/// and "out/mlt/f.exr".
+std::vector<std::string> distinguishing_labels(const std::vector<std::string>& names);
+
 struct CompareOptions {
+  std::vector<std::string> metrics;  ///< ids; "default" or "all": those that the files allow; empty: default
   std::string layer = "color";
   std::vector<int> frames;  ///< which to compare; empty: all that both sides have
-  double epsilon = 1e-2;    ///< of relative_mse
-  float exposure = 0;       ///< stops, for `flip`: the pictures are shown clipped at 1 after this exposure
-  bool flip = true;         ///< whether to compute flip, which costs more than the others
-  bool hdr_flip = true;     ///< whether to compute hdr_flip, which costs as much as about ten of flip
-  float pixels_per_degree = kPixelsPerDegree;
+  double epsilon = 1e-2;    ///< of relmse and of the temporal errors
+  float exposure = 0;       ///< stops, for metrics of displayed pictures, which are clipped at 1 after this exposure
+  float pixels_per_degree = kPixelsPerDegree;  ///< of FLIP
+  double trim = 0;  ///< part of the pixels, those with the largest errors, that squared errors leave out: in [0, 0.5]
+  double cutoff = 0.25;  ///< cycles per frame above which residuals count as flicker: in (0, 0.5)
+  std::string motion;    ///< files with motion.backward (and motion.forward) of the reference; empty: its own
+  std::int64_t spectrum_memory = std::int64_t(1) << 30;  ///< bytes at most; beyond that fewer pixels are looked at
 };
 
-/// The errors of one frame, or means of them over frames. A figure that was not asked for is negative.
-struct FrameFigures {
-  int frame = 0;
-  double mse = 0;
-  double relative_mse = 0;
-  double flip = -1;
-  double hdr_flip = -1;
-  std::int64_t non_finite = 0;  ///< pixels of the test image that are not finite; a sum in the mean
+/// One metric of one side.
+struct MetricSeries {
+  const MetricInfo* metric = nullptr;
+  /// Of each of CompareSide::frames; kUndefined where there is none (the first frame of a pair). The mean over runs.
+  /// Empty for metrics of whole sequences.
+  std::vector<double> values;
+  /// Part of the pixels that counted in each frame, in [0,1]; empty if the metric looks at all of them.
+  std::vector<double> coverage;
+  /// Of the sequence: for metrics of frames the mean over those that have a value, except for psnr, which is that of
+  /// the mean squared error. Its standard error is that over the runs if there are several, otherwise over the frames
+  /// as if they were independent; `count` is how many of them it stands on.
+  MeanError mean;
 };
 
-/// One of the sequences that are compared with the reference.
+/// The power of the residual (luminance of test minus reference) over temporal frequency, averaged over pixels.
+/// Welch's method with a Hann window: the powers add up to the mean of the squared residual, weighted by the window.
+struct ResidualSpectrum {
+  std::string id;                 ///< of the metric that is its part above the cutoff: "flicker", "flicker_tracked"
+  std::vector<double> frequency;  ///< cycles per frame, from 0 to at most 0.5
+  std::vector<double> power;      ///< squared luminance, of each frequency
+  int segment_frames = 0;         ///< length of a segment
+  int segments = 0;               ///< how many, overlapping by half
+  double coverage = 1;            ///< part of the pixels that was looked at
+};
+
+/// One method that is compared with the reference.
 struct CompareSide {
   std::string name;
-  std::vector<FrameFigures> frames;  ///< in ascending order
-  FrameFigures mean;                 ///< over `frames`; its `frame` is the number of frames
-  std::vector<int> unmatched;        ///< frames that this side has and the reference lacks
+  std::string label;                      ///< a short name: the part of the pattern in which the sides differ
+  std::vector<std::string> runs;          ///< the pattern of each run
+  std::vector<int> frames;                ///< that were compared, ascending
+  std::vector<int> unmatched;             ///< that the side has and the reference lacks
+  std::vector<int> missing;               ///< that the reference has and the side lacks, between its first and last one
+  std::vector<std::int64_t> non_finite;   ///< pixels of each frame that are not finite, over all runs
+  std::vector<MetricSeries> series;       ///< in the order of CompareResult::metrics
+  std::vector<ResidualSpectrum> spectra;  ///< of the flicker metrics among them
+
+  /// Null if the metric was not measured.
+  const MetricSeries* find(std::string_view id) const;
 };
 
 struct CompareResult {
   std::string reference;
-  std::string layer;
+  CompareOptions options;  ///< that it was made with
+  int width = 0, height = 0;
+  double fps = 0;             ///< as the reference's files say; 0 if they do not
+  MeanError reference_error;  ///< relmse of the reference itself, from color.a and color.b in its files; else undefined
+  std::vector<const MetricInfo*> metrics;  ///< that were measured, in the order of the catalog
   std::vector<CompareSide> sides;
+  std::vector<std::string> notes;  ///< what a reader of the figures should know, a sentence each
 };
 
-/// Called after each pair of frames. Throw Error{kCancelled} from it to stop.
+/// Watches a comparison while pictures are in memory, so that a report reads no file again. Called from one thread.
+class CompareObserver {
+ public:
+  virtual ~CompareObserver() = default;
+  /// Ids of the metrics (with has_map) whose maps `test` wants.
+  virtual std::vector<std::string> maps() const { return {}; }
+  /// Whether `reference` wants motion vectors.
+  virtual bool motion() const { return false; }
+  /// Once for each frame, ascending, before its tests. `motion_backward` and `motion_forward` [h,w,>=2] are null if the
+  /// files have none. A reference of one picture is shown for each frame.
+  virtual void reference(int frame, const Image& image, const Image* motion_backward, const Image* motion_forward);
+  /// The first run of a side. `map(id)` [h,w,1] is one of `maps()`; null where it has no value (the first of pairs).
+  virtual void test(std::size_t side, int frame, const Image& image,
+                    const std::function<const Image*(std::string_view id)>& map);
+};
+
+/// Called after each frame of the work. Throw Error{kCancelled} from it to stop.
 using CompareProgress = std::function<void(int done, int total)>;
 
-/// The figures of one pair of pictures; `frame` is left 0.
-/// Errors: Error{kBadInput} if the sizes differ.
-FrameFigures compare_images(const Image& test, const Image& reference, const CompareOptions& options = {});
-
 /// Compares each of `tests` with `reference` frame by frame. A reference of a single frame stands for every frame of
-/// the tests (a converged picture of a still scene). Memory: two layers at a time. Errors: Error{kBadInput} if a test
-/// has no frame in common with the reference or the sizes of a pair differ, naming
-///         both files; those of read_frame.
-CompareResult compare_sequences(const std::vector<FrameSequence>& tests, const FrameSequence& reference,
-                                const CompareOptions& options = {}, const CompareProgress& progress = {});
+/// the tests (a converged picture of a still scene).
+/// Result:  the same bits on any number of threads. Each file is read once.
+/// Memory:  independent of the number of frames: a few layers for each run, and `spectrum_memory`.
+/// Errors:  Error{kBadInput} if a test has no frame in common with the reference, the sizes of a pair differ (naming
+///          both files), or a metric that was asked for by name lacks what it needs; Error{kUnknownName} for unknown
+///          metrics; Error{kOutOfRange} for options; those of read_frame.
+CompareResult compare_sequences(const std::vector<CompareInput>& tests, const FrameSequence& reference,
+                                const CompareOptions& options = {}, const CompareProgress& progress = {},
+                                CompareObserver* observer = nullptr);
 
-/// {"layer", "reference", "sides": [{"name", "mean": {...}, "frames": [{...}], "unmatched": [...]}]}; figures that were
-/// not asked for are left out.
+/// {"reference", "layer", "width", "height", "fps", "reference_error": {"relmse", "confidence_95"}, "settings": {...},
+/// "notes": [...], "metrics": [{"id", "title", "unit", "scope", "better", "formula", "source", "trim"}], "sides":
+/// [{"name", "label", "runs", "frames": [...], "mean": {id: ...}, "standard_error": {...}, "confidence_95": {...},
+/// "values": {id: [one of each frame]}, "coverage", "spectra", "non_finite", "unmatched", "missing"}]}. What has no
+/// value, or an infinite one, is null.
 std::string to_json(const CompareResult& result);
-/// A line "name,frame,mse,relative_mse,flip,hdr_flip,non_finite" for each frame, and one with frame "mean" for each
-/// side; figures that were not asked for are empty.
+/// A line "name,frame,<id of each metric>,non_finite" for each frame (a trimmed metric is "relmse[without 0.1%]"), and
+/// lines with frame "mean" and "standard_error" for each side; what has no value is empty.
 std::string to_csv(const CompareResult& result);
-/// The means as a table for people, one side a line, and the ratio to the first side where there are several.
+/// The means as a table for people: a metric a line, with their 95 % confidence and the ratio to the first side.
 std::string to_table(const CompareResult& result);
 
 }  // namespace tempera

@@ -1,0 +1,25 @@
+# The build step of embed_text (cmake/embed_text.cmake): writes OUT/embedded_text.h and .cpp from SPEC,
+# "name=file|file,name=file" with files relative to SOURCE.
+set(declarations "")
+set(definitions "")
+string(REPLACE "," ";" spec "${SPEC}")
+foreach(entry IN LISTS spec)
+  string(REGEX MATCH "^([^=]+)=(.*)$" matched "${entry}")
+  set(name "${CMAKE_MATCH_1}")
+  string(REPLACE "|" ";" files "${CMAKE_MATCH_2}")
+  string(APPEND declarations "extern const std::string_view ${name};\n")
+  string(APPEND definitions "const std::string_view ${name} =")
+  foreach(file IN LISTS files)
+    file(READ "${SOURCE}/${file}" text)
+    if(text MATCHES "\\)EMBEDDED\"")
+      message(FATAL_ERROR "${file} holds the mark that ends an embedded text")
+    endif()
+    string(APPEND definitions "\n    R\"EMBEDDED(${text})EMBEDDED\"")
+  endforeach()
+  string(APPEND definitions ";\n")
+endforeach()
+set(head "// Made by cmake/embed_text_script.cmake; changes are lost.\n")
+file(WRITE "${OUT}/embedded_text.h"
+  "${head}#pragma once\n#include <string_view>\n\nnamespace ${NAMESPACE} {\n${declarations}}  // namespace ${NAMESPACE}\n")
+file(WRITE "${OUT}/embedded_text.cpp"
+  "${head}#include \"embedded_text.h\"\n\nnamespace ${NAMESPACE} {\n${definitions}}  // namespace ${NAMESPACE}\n")

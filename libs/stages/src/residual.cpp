@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "residual.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "motion.h"
+#include "tempera/core/parallel.h"
+#include "tempera/core/random.h"
+
+namespace tempera {
+namespace {
+
+constexpr std::int64_t kBlock = 512;  ///< pixels a task: their series fit in the cache
+
+std::int64_t blocks(std::size_t pixels) { return (std::int64_t(pixels) + kBlock - 1) / kBlock; }
+
+}  // namespace
+
+Segments plan_segments(int frames) {
+  Segments s;
+  if (frames < kMinSpectrumFrames) return s;
+  // n segments that overlap by half cover (n + 1) / 2 of their length.
+  int count = 1;
+  while (frames * 2 > kMaxSegmentFrames * (count + 1)) ++count;
+  s.length = frames * 2 / (count + 1);
+  for (int i = 0; i < count; ++i) {
+    s.starts.push_back(count == 1 ? 0 : int(std::int64_t(frames - s.length) * i / (count - 1)));
+  }
+  return s;
+}
+
+PixelChoice::PixelChoice(int width, int height, int cell) : stride(cell) {
+  const int columns = (width + cell - 1) / cell, rows = (height + cell - 1) / cell;
+  for (int j = 0; j < rows; ++j) {
+    for (int i = 0; i < columns; ++i) {
+      const std::uint64_t key = hash_key(std::uint64_t(i), std::uint64_t(j));
+      const int x = i * cell + int(key % std::uint64_t(cell)), y = j * cell + int((key >> 32) % std::uint64_t(cell));
+      pixels.push_back({std::min(x, width - 1), std::min(y, height - 1)});
+    }
+  }
+  coverage = double(pixels.size()) / (double(width) * double(height));
+}
+
+Tracks::Tracks(const PixelChoice& choice) {
+  positions_.reserve(choice.pixels.size());
+  for (const PixelChoice::Pixel& p : choice.pixels) positions_.push_back({float(p.x) + 0.5f, float(p.y) + 0.5f});
+}
+
+void Tracks::advance(const Image& forward, const Image* backward) {
+  parallel_for(0, blocks(positions_.size()), [&](std::int64_t block) {
+    const auto end = std::min(std::size_t((block + 1) * kBlock), positions_.size());
+    for (auto i = std::size_t(block * kBlock); i < end; ++i) {
+      if (is_position(positions_[i])) positions_[i] = follow(positions_[i], forward, backward);
+    }
+  });
+}
+
+SegmentRecord::SegmentRecord(const Segments& segments, std::shared_ptr<const PixelChoice> choice)
+    : length_(segments.length), choice_(std::move(choice)), values_(std::size_t(length_) * choice_->pixels.size()) {}
+
+void SegmentRecord::add(const Image& test, const Image& reference, const std::vector<Vec2f>* positions) {
+  const auto& pixels = choice_->pixels;
+  float* const out = values_.data() + std::size_t(added_) * pixels.size();
+  const auto residual = [&](int x, int y) { return luminance(test.rgb(x, y)) - luminance(reference.rgb(x, y)); };
+  parallel_for(0, blocks(pixels.size()), [&](std::int64_t block) {
+    const auto end = std::min(std::size_t((block + 1) * kBlock), pixels.size());
+    for (auto i = std::size_t(block * kBlock); i < end; ++i) {
+      if (positions) {
+        const Vec2f p = (*positions)[i];
+        out[i] = is_position(p) ? residual(int(p.x), int(p.y)) : std::numeric_limits<float>::quiet_NaN();
+      } else {
+        out[i] = residual(pixels[i].x, pixels[i].y);
+      }
+    }
+  });
+  ++added_;
+}
+
+void SegmentRecord::add_to(PowerSums& sums) const {
+  const int n = length_, frequencies = n / 2 + 1;
+  // w_t = sin^2(pi (t + 1/2) / n), the Hann window, times cosine and sine of each frequency, and normalized so that the
+  // powers of a series e add up to the sum of (w e)^2 over that of w^2.
+  std::vector<float> cosine(std::size_t(n) * std::size_t(frequencies)), sine(cosine.size());
+  double weight = 0;
+  for (int t = 0; t < n; ++t) weight += std::pow(std::sin(std::numbers::pi * (t + 0.5) / n), 4);
+  for (int k = 0; k < frequencies; ++k) {
+    const double both_signs = k == 0 || 2 * k == n ? 1 : 2;
+    const double scale = std::sqrt(both_signs / (double(n) * weight));
+    for (int t = 0; t < n; ++t) {
+      const double window = std::pow(std::sin(std::numbers::pi * (t + 0.5) / n), 2);
+      const double angle = 2 * std::numbers::pi * double(std::int64_t(k) * t % n) / n;
+      const auto i = std::size_t(k) * std::size_t(n) + std::size_t(t);
+      cosine[i] = float(scale * window * std::cos(angle));
+      sine[i] = float(scale * window * std::sin(angle));
+    }
+  }
+
+  const std::size_t pixels = choice_->pixels.size();
+  struct Block {
+    std::vector<double> power;
+    int pixels = 0;
+  };
+  std::vector<Block> parts(std::size_t(blocks(pixels)));
+  parallel_for(0, std::int64_t(parts.size()), [&](std::int64_t block) {
+    const auto begin = std::size_t(block * kBlock), count = std::min(std::size_t(kBlock), pixels - begin);
+    thread_local std::vector<float> series;
+    series.assign(std::size_t(n) * std::size_t(kBlock), 0.0f);
+    // Pixels without a residual in some frame are all 0 and do not count.
+    Block& part = parts[std::size_t(block)];
+    for (std::size_t i = 0; i < count; ++i) {
+      bool finite = true;
+      for (int t = 0; t < n; ++t) finite &= std::isfinite(values_[std::size_t(t) * pixels + begin + i]);
+      if (!finite) continue;
+      ++part.pixels;
+      for (int t = 0; t < n; ++t) {
+        series[std::size_t(t) * std::size_t(kBlock) + i] = values_[std::size_t(t) * pixels + begin + i];
+      }
+    }
+    for (int k = 0; k < frequencies; ++k) {
+      float re[kBlock] = {}, im[kBlock] = {};
+      for (int t = 0; t < n; ++t) {
+        const float c = cosine[std::size_t(k) * std::size_t(n) + std::size_t(t)];
+        const float s = sine[std::size_t(k) * std::size_t(n) + std::size_t(t)];
+        const float* const e = series.data() + std::size_t(t) * std::size_t(kBlock);
+        for (int i = 0; i < kBlock; ++i) re[i] += c * e[i], im[i] += s * e[i];
+      }
+      double power = 0;
+      for (int i = 0; i < kBlock; ++i) power += double(re[i] * re[i] + im[i] * im[i]);
+      part.power.push_back(power);
+    }
+  });
+  sums.power.resize(std::size_t(frequencies));
+  for (const Block& part : parts) {
+    for (std::size_t k = 0; k < part.power.size(); ++k) sums.power[k] += part.power[k];
+    sums.pixels += part.pixels;
+  }
+}
+
+ResidualSpectrum spectrum_of(std::string_view id, const Segments& segments, const PowerSums& sums, double coverage) {
+  ResidualSpectrum s;
+  s.id = id;
+  s.segment_frames = segments.length;
+  s.segments = int(segments.starts.size());
+  s.coverage = coverage;
+  for (std::size_t k = 0; k < sums.power.size(); ++k) {
+    s.frequency.push_back(double(k) / segments.length);
+    s.power.push_back(sums.pixels > 0 ? sums.power[k] / sums.pixels : kUndefined);
+  }
+  return s;
+}
+
+double power_above(const ResidualSpectrum& spectrum, double cutoff) {
+  double sum = 0;
+  for (std::size_t k = 0; k < spectrum.power.size(); ++k) {
+    if (spectrum.frequency[k] > cutoff * (1 + 1e-9)) sum += spectrum.power[k];
+  }
+  return sum;
+}
+
+}  // namespace tempera
