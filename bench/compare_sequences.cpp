@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Writes what bench/compare_bench.py measures comparisons with: a reference that pans, with its motion vectors, and noisy
+// Writes what bench/compare.py measures comparisons with: a reference that pans, with its motion vectors, and noisy
 // versions of it, of which each has half of the variance of the one before.
 //
 //   compare_sequences FOLDER [--frames N] [--size WxH] [--methods N]
@@ -32,7 +32,8 @@ Rgb scene(int x, int y, int c) {
 }
 
 float noise(int x, int y, int frame, int c, int method) {
-  const std::uint64_t bits = hash_key(std::uint64_t(x), std::uint64_t(y), std::uint64_t(frame * 4 + c), std::uint64_t(method));
+  const std::uint64_t bits =
+      hash_key(std::uint64_t(x), std::uint64_t(y), std::uint64_t(frame * 4 + c), std::uint64_t(method));
   const float u = to_unit_float(std::uint32_t(bits)), v = to_unit_float(std::uint32_t(bits >> 32));
   return std::sqrt(-2 * std::log(1 - u)) * std::cos(6.2831853f * v);
 }

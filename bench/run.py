@@ -8,7 +8,6 @@ per second of rendering (scene loading and, for Mitsuba, compilation of its kern
 
   ./dev bench                    all scenes that are present
   ./dev bench --scene cornell    one scene; --no-mitsuba, --threads 1,2, --spp N, --repeat N
-  ./dev bench compare            speed and memory of tempera compare instead
 """
 import argparse
 import json
@@ -103,12 +102,6 @@ def render_mitsuba(args, scene, threads, variant):
 
 
 def main():
-    if "compare" in sys.argv[1:4]:  # after the --build that ./dev adds
-        sys.argv.remove("compare")
-        import compare_bench
-        return compare_bench.main(sys.argv[1:])
-    if len(sys.argv) > 1 and sys.argv[1] == "quality":
-        sys.exit("bench: equal-time quality comparisons are not there yet")
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", type=pathlib.Path, default=ROOT / "build/release")
     parser.add_argument("--scene", action="append", help="name of a scene; repeatable")

@@ -36,11 +36,13 @@ function(tempera_module name)
   endif()
 endfunction()
 
-# tempera_test(NAME SOURCES files LINKS targets LABELS fast|slow|...): one GoogleTest program, registered with CTest.
+# tempera_test(NAME SOURCES files LINKS targets LABELS fast|slow|...): one GoogleTest program, registered with CTest. It may
+# include what tests share as "support/...".
 function(tempera_test name)
   cmake_parse_arguments(T "" "" "SOURCES;LINKS;LABELS" ${ARGN})
   add_executable(${name} ${T_SOURCES})
   target_link_libraries(${name} PRIVATE ${T_LINKS} tempera_options GTest::gtest GTest::gtest_main)
+  target_include_directories(${name} PRIVATE ${PROJECT_SOURCE_DIR}/tests)
   target_compile_definitions(${name} PRIVATE TEMPERA_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
   add_test(NAME ${name} COMMAND ${name})
   set_tests_properties(${name} PROPERTIES LABELS "${T_LABELS}" TIMEOUT 1800)

@@ -197,6 +197,11 @@ void compare(const Flags& flags, const std::stop_token& stop) {
   if (!flags.error_map.empty() && flags.tests.size() > 1) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "--error-map takes one picture or sequence at a time");
   }
+  const bool measures = !limits.empty() || !flags.csv.empty() || !flags.json.empty() || !flags.error_map.empty();
+  if (flags.reference.empty() && (flags.html.empty() || measures)) {
+    throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
+                "--reference is missing: without it, sequences can only be shown side by side, with --html");
+  }
 
   std::vector<CompareInput> tests;
   for (const std::string& t : flags.tests) tests.push_back(parse_compare_input(t));
@@ -220,10 +225,6 @@ void compare(const Flags& flags, const std::stop_token& stop) {
                                  .scale = flags.html_scale_percent / 100});
   }
   if (!reference) {
-    if (!report || !limits.empty() || !flags.csv.empty() || !flags.json.empty() || !flags.error_map.empty()) {
-      throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
-                  "--reference is missing: without it, sequences can only be shown side by side, with --html");
-    }
     const CompareResult shown = show_sequences(tests, options, *report, progress);
     if (terminal) std::fprintf(stderr, "\r\033[K");
     finish_report(*report, shown, flags.html);
@@ -265,8 +266,8 @@ void add_compare(Program& program) {
       "compare", "Measure how far pictures or sequences are from a reference.",
       {"tempera compare out/noisy.####.exr --reference out/ref.####.exr",
        "tempera compare a.exr b.exr --reference ref.exr --metrics relmse --csv figures.csv",
-       "tempera compare a.exr --reference ref.exr --threshold flip=0.05 --error-map diff.png",
        "tempera compare path=out/path/f.####.exr mlt=out/mlt/f.####.exr -r out/ref/f.####.exr --html report.html",
+       "tempera compare a.exr --reference ref.exr --threshold flip=0.05 --error-map diff.png",
        "tempera compare 'out/seed*/f.####.exr' -r ref.exr --metrics relmse,bias_squared,variance",
        "tempera compare out/f.####.exr -r ref.####.exr --threshold mean.relmse=0.01,ssim=0.9,flicker=1e-4"},
       [&program, flags] {

@@ -8,6 +8,7 @@
 #include "catalog.h"
 #include "program.h"
 #include "tempera/frames/files.h"
+#include "tempera/gallery/gallery.h"
 #include "tempera/pipeline/materials.h"
 
 namespace tempera {
@@ -33,12 +34,20 @@ std::string params_table(const std::vector<ParamSpec>& params) {
   return out;
 }
 
+/// The page of --help for a command whose parents are `parents`. `App::help` would show that of the command that runs.
+std::string help_text(const CLI::App& app, const std::string& parents) {
+  const std::string name = parents.empty() ? app.get_name() : parents + " " + app.get_name();
+  return app.get_formatter()->make_help(&app, name, CLI::AppFormatMode::Normal);
+}
+
 std::string commands_page(const CLI::App& app) {
-  std::string out = fmt::format("{}\n# Commands\n\n```text\n{}```\n", kNotice, app.help("tempera"));
+  std::string out = fmt::format("{}\n# Commands\n\n```text\n{}```\n", kNotice, help_text(app, ""));
   for (const CLI::App* command : app.get_subcommands(nullptr)) {
     if (command->get_group().empty()) continue;
-    out += fmt::format("\n## tempera {}\n\n```text\n{}```\n", command->get_name(),
-                       command->help("tempera " + command->get_name()));
+    const std::string name = "tempera " + command->get_name();
+    out += fmt::format("\n## {}\n\n```text\n{}```\n", name, help_text(*command, "tempera"));
+    for (const CLI::App* nested : command->get_subcommands(nullptr))
+      out += fmt::format("\n### {} {}\n\n```text\n{}```\n", name, nested->get_name(), help_text(*nested, name));
   }
   out += "\n## What there is to choose from\n\nAs `tempera list` shows it.\n";
   for (const CatalogCategory& c : catalog()) {
@@ -112,6 +121,7 @@ void add_docs(Program& program) {
       program.add("docs", "Write the pages of the manual that are made from tables.", {}, [&program, folder] {
         write_file(*folder + "/commands.md", commands_page(program.app));
         write_file(*folder + "/shot.md", shot_page());
+        write_file(*folder + "/gallery.md", fmt::format("{}\n{}", kNotice, gallery_page()));
         return 0;
       });
   command->group("");  // for the project itself: not shown in --help

@@ -75,7 +75,7 @@ const std::vector<CatalogCategory>& catalog() {
       {"layers", "what frames can hold", layer_items},
       {"filters", "pixel filters", filters},
       {"samplers", "random numbers", samplers},
-      {"stages", "what can follow a render", [] { return std::vector<CatalogItem>{}; }},
+      {"stages", "what can follow a render", stage_items},
       {"importers", "scene formats", importer_items},
       {"bsdfs", "materials that a shot can give", bsdfs},
       {"metrics", "what compare measures", metric_items},
@@ -85,7 +85,7 @@ const std::vector<CatalogCategory>& catalog() {
 
 std::string type_text(const ParamSpec& spec) {
   if (!spec.choices.empty()) return fmt::format("{}", fmt::join(spec.choices, "|"));
-  const std::string type = type_name(spec.fallback);
+  std::string type = type_name(spec.fallback);
   if (type != "integer" && type != "number") return type;
   constexpr double kOpen = 1e300;
   if (spec.min > -kOpen && spec.max < kOpen) return fmt::format("{}, {:g} to {:g}", type, spec.min, spec.max);

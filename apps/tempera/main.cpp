@@ -25,7 +25,12 @@ std::string version_text() {
 
 CLI::App* Program::add(const std::string& name, const std::string& help, const std::vector<std::string>& examples,
                        std::function<int()> action) {
-  CLI::App* command = app.add_subcommand(name, help);
+  return add(app, name, help, examples, std::move(action));
+}
+
+CLI::App* Program::add(CLI::App& parent, const std::string& name, const std::string& help,
+                       const std::vector<std::string>& examples, std::function<int()> action) {
+  CLI::App* command = parent.add_subcommand(name, help);
   if (!examples.empty()) command->footer(fmt::format("Examples:\n  {}", fmt::join(examples, "\n  ")));
   command->callback([this, action = std::move(action)] { run = action; });
   return command;
@@ -111,8 +116,10 @@ int main_guarded(int argc, char** argv) {
   add_run(program);
   add_info(program);
   add_list(program);
+  add_reconstruct(program);
   add_video(program);
   add_compare(program);
+  add_gallery(program);
   add_docs(program);
   try {
     app.parse(argc, argv);

@@ -23,6 +23,9 @@ struct Program {
   /// A subcommand. `examples` are shown below its help, one a line.
   CLI::App* add(const std::string& name, const std::string& help, const std::vector<std::string>& examples,
                 std::function<int()> action);
+  /// The same below another subcommand.
+  CLI::App* add(CLI::App& parent, const std::string& name, const std::string& help,
+                const std::vector<std::string>& examples, std::function<int()> action);
   /// The command line as a shell would read it.
   std::string command_line() const;
 };
@@ -31,7 +34,12 @@ struct Program {
 class ShotFlags {
  public:
   void add_to(CLI::App& command);
-  /// The file's values, and over them those of the command line, in the order file, flags by table, --set.
+  /// All but SHOT, which `set_shot` then names.
+  void add_overrides_to(CLI::App& command);
+  void set_shot(const std::string& file) { shot_ = file; }
+  /// A value that stands over the file's and below the command line's.
+  void preset(const std::string& key, const std::string& text) { presets_.emplace_back(key, text); }
+  /// The file's values, and over them those of the command line, in the order file, presets, flags by table, --set.
   ShotConfig config() const;
   ImportOptions import_options() const;
   int threads() const { return threads_; }
@@ -47,6 +55,7 @@ class ShotFlags {
     bool on = false;
   };
   std::deque<KeyFlag> keys_;  // addresses stay: the parser writes into them
+  std::vector<std::pair<std::string, std::string>> presets_;
   std::vector<std::string> set_, params_, classes_, defines_;
   std::string decompose_, shutter_, memory_limit_;
   int max_depth_ = 0;
@@ -62,6 +71,8 @@ struct RenderFlags {
   double checkpoint_minutes = 10;
   std::string tev, progress = "auto", replay;
   void add_to(CLI::App& command);
+  /// All but SHOT and --resume.
+  void add_overrides_to(CLI::App& command);
 };
 
 /// Loads the shot, checks it and renders its frames. Errors: those of all of them.
@@ -79,9 +90,11 @@ void add_render(Program& program);
 void add_run(Program& program);
 void add_info(Program& program);
 void add_list(Program& program);
+void add_reconstruct(Program& program);
 void add_video(Program& program);
 void add_compare(Program& program);
 void add_docs(Program& program);
+void add_gallery(Program& program);
 
 /// "tempera 0.1.0 (Release, GNU 12.2.0, Embree 3.13.5, OpenImageIO 2.4.7.1)".
 std::string version_text();

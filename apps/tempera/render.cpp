@@ -36,6 +36,20 @@ BadSample parse_replay(const std::string& text) {
   return b;
 }
 
+void add_render_options(CLI::App& command, RenderFlags& flags) {
+  command
+      .add_option("--checkpoint-minutes", flags.checkpoint_minutes,
+                  "minutes between checkpoints of a frame; 0: only when stopped [10]")
+      ->type_name("N")
+      ->check(CLI::Range(0.0, 1e9).description(""));
+  command.add_option("--tev", flags.tev, "show tiles in the image viewer tev as they finish")
+      ->type_name("HOST[:PORT]")
+      ->expected(1);
+  command.add_option("--progress", flags.progress, "auto, tty, plain, json, openjd or none [auto]")->type_name("KIND");
+  command.add_option("--replay", flags.replay, "render this one sample and print its radiance")
+      ->type_name("FRAME,X,Y,SAMPLE");
+}
+
 }  // namespace
 
 std::string describe_frames(const std::vector<int>& frames) {
@@ -57,17 +71,12 @@ std::string describe_frames(const std::vector<int>& frames) {
 void RenderFlags::add_to(CLI::App& command) {
   shot.add_to(command);
   command.add_flag("--resume", resume, "skip frames that are finished, continue those that were interrupted");
-  command
-      .add_option("--checkpoint-minutes", checkpoint_minutes,
-                  "minutes between checkpoints of a frame; 0: only when stopped [10]")
-      ->type_name("N")
-      ->check(CLI::Range(0.0, 1e9).description(""));
-  command.add_option("--tev", tev, "show tiles in the image viewer tev as they finish")
-      ->type_name("HOST[:PORT]")
-      ->expected(1);
-  command.add_option("--progress", progress, "auto, tty, plain, json, openjd or none [auto]")->type_name("KIND");
-  command.add_option("--replay", replay, "render this one sample and print its radiance")
-      ->type_name("FRAME,X,Y,SAMPLE");
+  add_render_options(command, *this);
+}
+
+void RenderFlags::add_overrides_to(CLI::App& command) {
+  shot.add_overrides_to(command);
+  add_render_options(command, *this);
 }
 
 Shot render_shot(Program& program, const RenderFlags& flags) {

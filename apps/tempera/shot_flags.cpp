@@ -36,6 +36,10 @@ void assign(ShotConfig& config, const std::string& table, const std::string& tex
 
 void ShotFlags::add_to(CLI::App& command) {
   command.add_option("shot", shot_, "shot.toml, or a scene: Mitsuba XML or glTF")->required()->type_name("SHOT");
+  add_overrides_to(command);
+}
+
+void ShotFlags::add_overrides_to(CLI::App& command) {
   for (const ShotKey& k : shot_keys()) {
     if (k.flag.empty()) continue;
     KeyFlag& f = keys_.emplace_back(KeyFlag{&k, nullptr, {}});
@@ -84,6 +88,7 @@ void ShotFlags::add_to(CLI::App& command) {
 ShotConfig ShotFlags::config() const {
   ShotConfig config = read_shot_config(shot_);
   config.set_sandbox(sandbox_);
+  for (const auto& [key, text] : presets_) config.set_text(key, text);
   for (const KeyFlag& f : keys_) {
     if (f.option->count() == 0) continue;
     if (f.key->spec.name == "film.filter") {

@@ -22,7 +22,7 @@ TEST(Cli, Version) {
 TEST(Cli, HelpHasExamplesForEveryCommand) {
   const Outcome top = run({"--help"});
   EXPECT_EQ(top.status, 0);
-  for (const char* command : {"render", "run", "info", "list", "video", "compare"}) {
+  for (const char* command : {"render", "run", "info", "list", "reconstruct", "video", "compare", "gallery"}) {
     EXPECT_NE(top.out.find(fmt::format("\n  {} ", command)), std::string::npos) << command;
     const Outcome o = run({command, "--help"});
     EXPECT_EQ(o.status, 0) << command;
@@ -164,7 +164,7 @@ TEST(Cli, ListShowsTablesWithParameters) {
 
 TEST_F(CliFiles, GeneratedPagesAreCurrent) {
   ASSERT_EQ(run({"docs", "--out", folder_.string()}).status, 0);
-  for (const char* page : {"commands.md", "shot.md"}) {
+  for (const char* page : {"commands.md", "shot.md", "gallery.md"}) {
     EXPECT_EQ(text_of(path(page)), text_of(source_file(std::string("docs/") + page)))
         << "docs/" << page << " is out of date; run: tempera docs --out docs";
   }

@@ -169,6 +169,7 @@ PlacedShape place(const Scene& scene, std::uint32_t instance, std::uint32_t shap
   p.instance = instance;
   p.shape = shape;
   p.placement = placement;
+  p.tangents = scene.shapes[shape].material->needs_tangents();
   p.mesh = as_mesh(scene.shapes[shape]);
   if (!p.mesh) {
     p.analytic = as_analytic(scene.shapes[shape]);

@@ -373,29 +373,25 @@ bool RayScene::occluded(const Ray& ray) const {
 
 namespace {
 
-/// Partial derivatives of a triangle's position and normal with respect to its uv coordinates.
-struct UvFrame {
-  Vec3f dpdu, dpdv, dndu, dndv;
+/// Derivatives of functions that are linear over a triangle (values at its corners) with respect to its uv coordinates.
+struct UvGradient {
+  float a = 0, b = 0, c = 0, d = 0;  // d/du = a e1 + b e2, d/dv = c e1 + d e2 for edges e1, e2 from corner 0
+  bool usable = false;
+  explicit UvGradient(const Vec2f (&uv)[3]) {
+    const Vec2f d1 = uv[1] - uv[0], d2 = uv[2] - uv[0];
+    const float inv = 1 / (d1.x * d2.y - d1.y * d2.x);
+    usable = std::isfinite(inv);
+    if (usable) a = d2.y * inv, b = -d1.y * inv, c = -d2.x * inv, d = d1.x * inv;
+  }
+  Vec3f du(const Vec3f (&v)[3]) const { return (v[1] - v[0]) * a + (v[2] - v[0]) * b; }
+  Vec3f dv(const Vec3f (&v)[3]) const { return (v[1] - v[0]) * c + (v[2] - v[0]) * d; }
 };
 
-UvFrame uv_derivatives(const Vec3f (&p)[3], const Vec3f* n, const Vec2f (&uv)[3], const Vec3f& ng) {
-  UvFrame f;
-  const Vec3f dp1 = p[1] - p[0], dp2 = p[2] - p[0];
-  const Vec2f d1 = uv[1] - uv[0], d2 = uv[2] - uv[0];
-  const float det = d1.x * d2.y - d1.y * d2.x;
-  if (det == 0 || !std::isfinite(1 / det)) {  // no usable parametrisation: any tangent frame
-    const Basis b(ng);
-    return {b.s, b.t, {}, {}};
-  }
-  const float inv = 1 / det;
-  f.dpdu = (dp1 * d2.y - dp2 * d1.y) * inv;
-  f.dpdv = (dp2 * d1.x - dp1 * d2.x) * inv;
-  if (n) {
-    const Vec3f dn1 = n[1] - n[0], dn2 = n[2] - n[0];
-    f.dndu = (dn1 * d2.y - dn2 * d1.y) * inv;
-    f.dndv = (dn2 * d1.x - dn1 * d2.x) * inv;
-  }
-  return f;
+/// Texture coordinates of a triangle's corners; its barycentrics where the mesh has none.
+void corner_uvs(const Mesh& mesh, const std::uint32_t* v, Vec2f (&uv)[3]) {
+  uv[0] = {0, 0}, uv[1] = {1, 0}, uv[2] = {0, 1};
+  if (mesh.uvs.empty()) return;
+  for (int c = 0; c < 3; ++c) uv[c] = mesh.uvs[v[c]];
 }
 
 }  // namespace
@@ -417,82 +413,121 @@ ShadingPoint RayScene::shading_point(const SurfacePoint& point, double t, const 
     r.p = tri.p[0] * b0 + tri.p[1] * b1 + tri.p[2] * b2;
     r.ng = normalize(cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]) * (placed.mirrored ? -1.0f : 1.0f));
     const std::uint32_t* v = &mesh.indices[3 * std::size_t(point.primitive)];
-    Vec2f uv[3] = {{0, 0}, {1, 0}, {0, 1}};
-    if (!mesh.uvs.empty()) {
-      for (int c = 0; c < 3; ++c) uv[c] = mesh.uvs[v[c]];
-    }
-    r.uv = uv[0] * b0 + uv[1] * b1 + uv[2] * b2;
-    r.uv1 = mesh.uvs1.empty() ? r.uv : mesh.uvs1[v[0]] * b0 + mesh.uvs1[v[1]] * b1 + mesh.uvs1[v[2]] * b2;
-    const UvFrame f = uv_derivatives(tri.p, tri.smooth ? tri.n : nullptr, uv, r.ng);
-    r.dpdu = f.dpdu, r.dpdv = f.dpdv;
+    const auto interpolated = [&](const auto& values) {
+      return values[v[0]] * b0 + values[v[1]] * b1 + values[v[2]] * b2;
+    };
+    r.uv = mesh.uvs.empty() ? Vec2f{b1, b2} : interpolated(mesh.uvs);
+    r.uv1 = mesh.uvs1.empty() ? r.uv : interpolated(mesh.uvs1);
     ns = r.ng;
     if (tri.smooth) {
       ns = tri.n[0] * b0 + tri.n[1] * b1 + tri.n[2] * b2;
       const float l = length(ns);
       ns = l > 0 ? ns * (1 / l) : r.ng;
-      const float inv = l > 0 ? 1 / l : 0;
-      r.dndu = (f.dndu - ns * dot(ns, f.dndu)) * inv;
-      r.dndv = (f.dndv - ns * dot(ns, f.dndv)) * inv;
     }
     if (!mesh.colors.empty()) {
       if (mesh.color_per_face) {
         r.color = mesh.colors[point.primitive];
         if (!mesh.color_alphas.empty()) r.color_alpha = mesh.color_alphas[point.primitive];
       } else {
-        r.color = mesh.colors[v[0]] * b0 + mesh.colors[v[1]] * b1 + mesh.colors[v[2]] * b2;
-        if (!mesh.color_alphas.empty()) {
-          r.color_alpha = mesh.color_alphas[v[0]] * b0 + mesh.color_alphas[v[1]] * b1 + mesh.color_alphas[v[2]] * b2;
-        }
+        r.color = interpolated(mesh.colors);
+        if (!mesh.color_alphas.empty()) r.color_alpha = interpolated(mesh.color_alphas);
       }
     }
-    if (!mesh.tangents.empty()) {
-      tangent = mesh.tangents[v[0]] * b0 + mesh.tangents[v[1]] * b1 + mesh.tangents[v[2]] * b2;
-      if (!mesh.tangent_signs.empty()) tangent_sign = mesh.tangent_signs[v[0]];
-      // Tangents are stored in the mesh's bind space; deformation turns them with dpdu, which is close enough for the
-      // in-plane direction of a normal map.
-      if (placed.placement == Placement::kDeforming && dot(f.dpdu, f.dpdu) > 0 && !mesh.uvs.empty()) tangent = f.dpdu;
+    if (placed.tangents) {
+      Vec2f uv[3];
+      corner_uvs(mesh, v, uv);
+      if (const UvGradient g(uv); g.usable) {
+        r.dpdu = g.du(tri.p), r.dpdv = g.dv(tri.p);
+      } else {
+        const Basis b(r.ng);
+        r.dpdu = b.s, r.dpdv = b.t;
+      }
+      if (!mesh.tangents.empty()) {
+        tangent = interpolated(mesh.tangents);
+        if (!mesh.tangent_signs.empty()) tangent_sign = mesh.tangent_signs[v[0]];
+        // Tangents are stored in the mesh's bind space; deformation turns them with dpdu, which is close enough for the
+        // in-plane direction of a normal map.
+        if (placed.placement == Placement::kDeforming && dot(r.dpdu, r.dpdu) > 0 && !mesh.uvs.empty()) tangent = r.dpdu;
+      }
     }
     flip = mesh.flip_normals;
   } else {
     const analytic::UnitPoint unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
     const Affine3f& m = placed.analytic.object_from_unit;
-    const auto normal = [&](const Vec3f& n) { return placed.unit_from_object.transposed_vector(n); };
     r.p = m.point(unit.p);
     r.uv = r.uv1 = {point.u, point.v};
-    r.dpdu = m.vector(unit.dpdu);
-    r.dpdv = m.vector(unit.dpdv);
-    const Vec3f n = normal(unit.n);
-    const float inv = 1 / length(n);
-    ns = r.ng = n * inv;
-    const Vec3f du = normal(unit.dndu), dv = normal(unit.dndv);
-    r.dndu = (du - ns * dot(ns, du)) * inv;
-    r.dndv = (dv - ns * dot(ns, dv)) * inv;
+    if (placed.tangents) r.dpdu = m.vector(unit.dpdu), r.dpdv = m.vector(unit.dpdv);
+    ns = r.ng = normalize(placed.unit_from_object.transposed_vector(unit.n));
     flip = placed.analytic.flip;
   }
   if (placed.placement == Placement::kInstanced) {
     const Affine3f m = s.world(point.instance, t);
     const Affine3f inv = inverse(m);
     r.p = m.point(r.p);
-    r.dpdu = m.vector(r.dpdu);
-    r.dpdv = m.vector(r.dpdv);
-    tangent = m.vector(tangent);
     r.ng = normalize(inv.transposed_vector(r.ng));
-    const Vec3f n = inv.transposed_vector(ns);
-    const float k = 1 / length(n);
-    ns = n * k;
-    const Vec3f du = inv.transposed_vector(r.dndu), dv = inv.transposed_vector(r.dndv);
-    r.dndu = (du - ns * dot(ns, du)) * k;
-    r.dndv = (dv - ns * dot(ns, dv)) * k;
+    ns = normalize(inv.transposed_vector(ns));
+    if (placed.tangents) {
+      r.dpdu = m.vector(r.dpdu);
+      r.dpdv = m.vector(r.dpdv);
+      tangent = m.vector(tangent);
+    }
   }
   if (flip) {
     r.ng = -r.ng;
     ns = -ns;
-    r.dndu = -r.dndu;
-    r.dndv = -r.dndv;
   }
-  const bool has_tangent = tangent.x != 0 || tangent.y != 0 || tangent.z != 0;
-  r.frame = Basis::with_tangent(ns, has_tangent ? tangent : r.dpdu);
-  if (tangent_sign < 0) r.frame.t = -r.frame.t;
+  if (placed.tangents) {
+    const bool has_tangent = tangent.x != 0 || tangent.y != 0 || tangent.z != 0;
+    r.frame = Basis::with_tangent(ns, has_tangent ? tangent : r.dpdu);
+    if (tangent_sign < 0) r.frame.t = -r.frame.t;
+  } else {
+    r.frame = Basis(ns);
+  }
+  return r;
+}
+
+SurfaceDerivatives RayScene::derivatives(const SurfacePoint& point, double t) const {
+  const Impl& s = *impl_;
+  const PlacedShape& placed = s.find(point.instance, point.shape);
+  SurfaceDerivatives r;
+  Vec3f n;  // shading normal, not yet unit; dndu and dndv are its derivatives until the end
+  bool flip = false;
+  if (placed.mesh) {
+    const Impl::Triangle tri = s.triangle(placed, point.primitive, t);
+    n = cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]) * (placed.mirrored ? -1.0f : 1.0f);
+    Vec2f uv[3];
+    corner_uvs(*placed.mesh, &placed.mesh->indices[3 * std::size_t(point.primitive)], uv);
+    const UvGradient g(uv);
+    if (g.usable) {
+      r.dpdu = g.du(tri.p), r.dpdv = g.dv(tri.p);
+    } else {
+      const Basis b(normalize(n));
+      r.dpdu = b.s, r.dpdv = b.t;
+    }
+    if (tri.smooth) {
+      n = tri.n[0] * (1 - point.u - point.v) + tri.n[1] * point.u + tri.n[2] * point.v;
+      if (g.usable) r.dndu = g.du(tri.n), r.dndv = g.dv(tri.n);
+    }
+    flip = placed.mesh->flip_normals;
+  } else {
+    const analytic::UnitPoint unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
+    const Affine3f& m = placed.analytic.object_from_unit;
+    const Affine3f& inv = placed.unit_from_object;
+    r = {m.vector(unit.dpdu), m.vector(unit.dpdv), inv.transposed_vector(unit.dndu), inv.transposed_vector(unit.dndv)};
+    n = inv.transposed_vector(unit.n);
+    flip = placed.analytic.flip;
+  }
+  if (placed.placement == Placement::kInstanced) {
+    const Affine3f m = s.world(point.instance, t), inv = inverse(m);
+    r = {m.vector(r.dpdu), m.vector(r.dpdv), inv.transposed_vector(r.dndu), inv.transposed_vector(r.dndv)};
+    n = inv.transposed_vector(n);
+  }
+  const float l = length(n);
+  if (!(l > 0)) return {r.dpdu, r.dpdv, {}, {}};
+  n = n * ((flip ? -1 : 1) / l);
+  const auto unit = [&](const Vec3f& dn) { return (dn - n * dot(n, dn)) * ((flip ? -1 : 1) / l); };
+  r.dndu = unit(r.dndu);
+  r.dndv = unit(r.dndv);
   return r;
 }
 

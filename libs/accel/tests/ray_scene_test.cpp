@@ -179,6 +179,38 @@ TEST(RayScene, VelocitiesMatchFiniteDifferences) {
   }
 }
 
+// Derivatives against differences of points and shading normals at shifted coordinates: every kind of geometry and
+// motion. Meshes without uvs take their barycentrics for them, so that both are coordinates of a SurfacePoint.
+TEST(RayScene, DerivativesMatchFiniteDifferences) {
+  Scene scene = everything_moves();
+  for (Shape& shape : scene.shapes) {
+    if (Mesh* mesh = std::get_if<Mesh>(&shape.geometry)) mesh->uvs.clear();
+  }
+  GeometryCache cache;
+  const RayScene rays(scene, {0.25, 0.75}, {0, 1}, {.motion_step = 1.0 / 16}, cache);
+  std::vector<int> tested(scene.shapes.size());
+  for (std::uint64_t i = 0; i < 8000; ++i) {
+    const Ray ray = random_ray(i, {0.25, 0.75});
+    const auto hit = rays.intersect(ray);
+    if (!hit || hit->point.v < 0.1f || hit->point.v > 0.9f) continue;  // poles
+    const SurfaceDerivatives d = rays.derivatives(hit->point, ray.time);
+    constexpr float kStep = 2e-3f;
+    for (const bool along_v : {false, true}) {
+      SurfacePoint a = hit->point, b = hit->point;
+      (along_v ? a.v : a.u) -= kStep;
+      (along_v ? b.v : b.u) += kStep;
+      const Vec3f dp = (rays.position(b, ray.time) - rays.position(a, ray.time)) * (0.5f / kStep);
+      const Vec3f dn =
+          (rays.shading_point(b, ray.time, ray.d).frame.n - rays.shading_point(a, ray.time, ray.d).frame.n) *
+          (0.5f / kStep);
+      EXPECT_LT(length(dp - (along_v ? d.dpdv : d.dpdu)), 5e-3f * (1 + length(dp))) << "shape " << hit->point.shape;
+      EXPECT_LT(length(dn - (along_v ? d.dndv : d.dndu)), 5e-3f * (1 + length(dn))) << "shape " << hit->point.shape;
+    }
+    ++tested[hit->point.shape];
+  }
+  for (std::size_t k = 0; k < tested.size(); ++k) EXPECT_GT(tested[k], 50) << "shape " << k;
+}
+
 TEST(RayScene, NormalsFollowTheSurface) {
   // Flat shading: the geometric normal from vertices must equal the one that instances transform.
   SceneBuilder b;

@@ -46,7 +46,7 @@ std::vector<std::string> Warnings::lines() const {
     const std::string place = e.first.file.empty() ? "" : (e.count > 1 ? ", first at " : "at ") + e.first.str();
     const std::string count = e.count > 1 ? fmt::format("{} times", e.count) : "";
     const std::string detail = count + place;
-    out.push_back(detail.empty() ? what : what + " (" + detail + ")");
+    out.push_back(detail.empty() ? what : fmt::format("{} ({})", what, detail));
   }
   return out;
 }

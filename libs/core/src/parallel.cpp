@@ -9,24 +9,59 @@
 #if defined(__SSE__)
 #include <immintrin.h>
 #endif
+#ifdef TEMPERA_TSAN
+#include <sanitizer/tsan_interface.h>
+#endif
 
 namespace tempera {
+
+namespace {
+
+/// Tells the thread sanitizer what it cannot see in TBB, which is not instrumented (and so this file is not, either):
+/// tasks happen after their loop begins and before it ends, and in no order among each other.
+class ForkJoin {
+ public:
+#ifdef TEMPERA_TSAN
+  ForkJoin() { __tsan_release(&fork_); }
+  ~ForkJoin() { __tsan_acquire(&join_); }
+  struct Task {
+    explicit Task(ForkJoin& of) : loop(of) { __tsan_acquire(&loop.fork_); }
+    ~Task() { __tsan_release(&loop.join_); }
+    ForkJoin& loop;
+  };
+
+ private:
+  char fork_ = 0, join_ = 0;
+#else
+  struct Task {
+    explicit Task(ForkJoin&) {}
+  };
+#endif
+};
+
+}  // namespace
 
 void with_threads(int threads, const std::function<void()>& body) {
   const int n = threads > 0 ? threads : tbb::info::default_concurrency();
   const tbb::global_control allow(tbb::global_control::max_allowed_parallelism, std::size_t(n));
   tbb::task_arena arena(n);
-  arena.execute(body);
+  ForkJoin order;
+  arena.execute([&] {
+    const ForkJoin::Task task(order);
+    body();
+  });
 }
 
 int thread_count() { return tbb::this_task_arena::max_concurrency(); }
 
 void parallel_for(std::int64_t begin, std::int64_t end, const std::function<void(std::int64_t)>& body,
                   std::int64_t grain) {
+  ForkJoin order;
   tbb::parallel_for(
       tbb::blocked_range<std::int64_t>(begin, end, std::size_t(grain)),
       [&](const tbb::blocked_range<std::int64_t>& r) {
         const FlushDenormals flush;
+        const ForkJoin::Task task(order);
         for (std::int64_t i = r.begin(); i != r.end(); ++i) body(i);
       },
       tbb::simple_partitioner());

@@ -48,9 +48,12 @@ LayerDesc uv() { return {"uv", {"U", "V"}, units::kTexture, Combine::kFirst}; }
 LayerDesc emission() { return {"emission", kRgb, units::kRadiance, Combine::kMean}; }
 LayerDesc motion_forward() { return {"motion.forward", kXyzv, units::kPixels, Combine::kFirst}; }
 LayerDesc motion_backward() { return {"motion.backward", kXyzv, units::kPixels, Combine::kFirst}; }
-LayerDesc grad_x() { return {"grad.x", kRgb, units::kRadiance, Combine::kMean}; }
-LayerDesc grad_y() { return {"grad.y", kRgb, units::kRadiance, Combine::kMean}; }
-LayerDesc grad_t() { return {"grad.t", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc grad_x() { return {"grad.x", kRgb, units::kRadianceDifference, Combine::kMean}; }
+LayerDesc grad_y() { return {"grad.y", kRgb, units::kRadianceDifference, Combine::kMean}; }
+LayerDesc grad_t() { return {"grad.t", kRgb, units::kRadianceDifference, Combine::kMean}; }
+LayerDesc grad_x_variance() { return {"grad.x.var", kRgb, units::kSquaredRadiance, Combine::kVariance}; }
+LayerDesc grad_y_variance() { return {"grad.y.var", kRgb, units::kSquaredRadiance, Combine::kVariance}; }
+LayerDesc source() { return {"source", {"X", "Y", "V"}, units::kPixelIndex, Combine::kFirst}; }
 LayerDesc samples() { return {"samples", {"N"}, units::kCount, Combine::kSum}; }
 LayerDesc time() { return {"time", {"T"}, units::kSeconds, Combine::kMean}; }
 
@@ -79,8 +82,11 @@ LayerDesc derived(const LayerDesc& base, std::string_view suffix) {
 
 const std::vector<LayerDesc>& known() {
   static const std::vector<LayerDesc> list{
-      color(), color_a(),  color_b(),        color_variance(),  albedo(), normal(), depth(),  position(), object_id(),
-      uv(),    emission(), motion_forward(), motion_backward(), grad_x(), grad_y(), grad_t(), samples(),  time()};
+      color(),    color_a(),         color_b(),         color_variance(), albedo(),
+      normal(),   depth(),           position(),        object_id(),      uv(),
+      emission(), motion_forward(),  motion_backward(), grad_x(),         grad_y(),
+      grad_t(),   grad_x_variance(), grad_y_variance(), source(),         samples(),
+      time()};
   return list;
 }
 

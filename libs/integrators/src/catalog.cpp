@@ -8,10 +8,14 @@
 namespace tempera {
 
 extern const IntegratorEntry path_entry;
+extern const IntegratorEntry gradient_path_entry;
+extern const IntegratorEntry temporal_gradient_path_entry;
 
 std::span<const IntegratorEntry* const> integrator_catalog() {
   static const IntegratorEntry* const entries[] = {
       &path_entry,
+      &gradient_path_entry,
+      &temporal_gradient_path_entry,
   };
   return entries;
 }

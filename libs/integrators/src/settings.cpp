@@ -37,10 +37,16 @@ Frame make_frame(const Integrator& integrator, const RenderSettings& settings, c
     frame.create(desc);
     cryptomatte |= desc.name.starts_with("CryptoObject");
   }
+  for (const LayerDesc& desc : integrator.work_layers(settings)) frame.create(desc);
   if (cryptomatte) {
     CryptomatteBuffer(width, height).write(frame, cryptomatte_names(scene), "CryptoObject", settings.cryptomatte_depth);
   }
   return frame;
+}
+
+void finish_frame(const Integrator& integrator, const FrameContext& context, Frame& frame) {
+  integrator.finish(context, frame);
+  for (const LayerDesc& desc : integrator.work_layers(context.settings)) frame.remove(desc.name);
 }
 
 }  // namespace tempera

@@ -4,84 +4,10 @@
 #include <cmath>
 #include <functional>
 
-#include "tempera/core/parallel.h"
-#include "tempera/integrators/integrator.h"
+#include "test_shot.h"
 
 namespace tempera {
 namespace {
-
-/// A shot made in code: one shape an instance, one node each.
-struct TestShot {
-  Scene scene;
-  RenderSettings settings;
-  std::string parameters;
-  int tile = 16;
-
-  TestShot() {
-    settings.width = settings.height = 32;
-    settings.spp = 64;
-    settings.sampler = SamplerKind::kIndependent;
-    settings.clock.fps = 1;  // seconds are frames
-    settings.clock.shutter = {.open = 0, .close = 0};
-  }
-  int node(AnimatedTransform t) {
-    scene.nodes.push_back({-1, std::move(t), "", 1.0f});
-    return int(scene.nodes.size()) - 1;
-  }
-  Shape& add(Geometry g, MaterialPtr material, int node = -1) {
-    scene.shapes.push_back({std::move(g), std::move(material), std::nullopt, "", ""});
-    scene.groups.push_back({int(scene.shapes.size()) - 1});
-    scene.instances.push_back(
-        {int(scene.groups.size()) - 1, node, "shape" + std::to_string(scene.shapes.size()), true});
-    return scene.shapes.back();
-  }
-  /// Orthographic picture of the square [-half, half]^2 in the plane z = 0, seen from +z; x to the right.
-  void orthographic(float half) {
-    Camera c;
-    c.projection = Projection::kOrthographic;
-    c.node = node(Affine3d(look_at(Vec3f{0, 0, 5}, Vec3f{0, 0, 0}, Vec3f{0, 1, 0})));
-    c.width = 2 * half;
-    scene.cameras = {c};
-  }
-  Camera& perspective(AnimatedTransform pose, float fov) {
-    Camera c;
-    c.node = node(std::move(pose));
-    c.fov_x = fov;
-    scene.cameras = {c};
-    return scene.cameras.back();
-  }
-
-  Frame render(int frame = 0) const {
-    validate(scene);
-    Params params(find_integrator("path").params);
-    for (std::size_t at = 0; at < parameters.size();) {
-      const auto end = std::min(parameters.find(',', at), parameters.size()), equal = parameters.find('=', at);
-      params.set_text(parameters.substr(at, equal - at), parameters.substr(equal + 1, end - equal - 1));
-      at = end + 1;
-    }
-    const auto integrator = find_integrator("path").make(params);
-    const TimeSpan exposure = settings.clock.exposure(frame), around{exposure.begin - 1, exposure.end + 1};
-    GeometryCache cache;
-    const double step = 1.0 / 16;
-    const RayScene rays(scene, exposure, around, {.motion_step = step}, cache);
-    const LightSampler lights(scene, rays);
-    const CameraModel camera(scene, settings.camera, settings.width, settings.height, around, step);
-    std::vector<std::string> expressions;
-    for (const PathClass& c : settings.classes) expressions.push_back(c.expression);
-    const LightPathClassifier classifier(expressions);
-    const FrameContext context{scene, rays, lights, camera, classifier, settings, frame};
-    Frame out = make_frame(*integrator, settings, scene);
-    RenderCounters counters;
-    const int nx = (settings.width + tile - 1) / tile, ny = (settings.height + tile - 1) / tile;
-    parallel_for(0, nx * ny, [&](std::int64_t i) {
-      const int x = int(i) % nx * tile, y = int(i) / nx * tile;
-      integrator->render(context, {x, y, std::min(x + tile, settings.width), std::min(y + tile, settings.height)}, out,
-                         counters, {});
-    });
-    EXPECT_EQ(counters.bad_samples, 0u);
-    return out;
-  }
-};
 
 /// Two-sided z-test of the mean over the pixels of a picture whose every pixel estimates `expected`.
 testing::AssertionResult PixelsEstimate(double expected, const Image& image, double alpha = 1e-3) {
@@ -327,6 +253,40 @@ TEST(Path, ThinLensBlursByTheCircleOfConfusion) {
   }
   EXPECT_NEAR(radius, (0.05 + 0.025) * pixels_per_unit, 1.0);
   EXPECT_NEAR(total, kPiD * sqr(0.025 * pixels_per_unit), 0.08 * total);  // blur keeps the light
+}
+
+/// Shows the footprint that it is asked for: the lengths of duv_dx and duv_dy, and their dot product.
+class FootprintProbe final : public Texture {
+ public:
+  Rgb rgb(const ShadingPoint& s) const override {
+    return {length(s.duv_dx), length(s.duv_dy), std::abs(s.duv_dx.x * s.duv_dy.x + s.duv_dx.y * s.duv_dy.y)};
+  }
+  Rgb mean() const override { return Rgb(1.0f); }
+};
+
+// A card turned by 60 degrees about y fills twice as much of u in each pixel; samples divide the pixel among them.
+TEST(Path, FootprintsOfATurnedCard) {
+  TestShot shot;
+  shot.orthographic(1);
+  Mesh card;
+  card.positions = {{-2, -2, 0}, {2, -2, 0}, {2, 2, 0}, {-2, 2, 0}};
+  card.uvs = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+  card.indices = {0, 1, 2, 0, 2, 3};
+  const auto probe = std::make_shared<FootprintProbe>();
+  shot.add(card, make_diffuse(Slot(probe)), shot.node(Affine3d(rotation(axis_angle(Vec3d{0, 1, 0}, kPiD / 3)))))
+      .emission = AreaEmission{Slot(probe), true};
+  shot.parameters = "max_depth=1";
+  for (const int spp : {1, 16, 1024}) {
+    shot.settings.spp = spp;
+    const float pixel = 2.0f / 32 / 4 * std::max(0.125f, 1 / std::sqrt(float(spp)));  // in units of uv
+    const Frame frame = shot.render();
+    for (const auto& [x, y] : {std::pair{16, 16}, {5, 20}, {30, 3}}) {
+      const Rgb c = frame.layer("color").rgb(x, y);
+      EXPECT_NEAR(c.r, 2 * pixel, 1e-3f * pixel) << spp;
+      EXPECT_NEAR(c.g, pixel, 1e-3f * pixel) << spp;
+      EXPECT_NEAR(c.b, 0, 1e-3f * pixel * pixel) << spp;
+    }
+  }
 }
 
 TEST(Path, MotionVectorsOfAMovingCard) {

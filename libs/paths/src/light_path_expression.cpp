@@ -12,7 +12,7 @@ namespace tempera {
 namespace {
 
 // Limits that no useful expression comes near; they keep hostile ones from taking memory, time or stack.
-constexpr int kMaxExpressions = 32;
+constexpr std::size_t kMaxLength = 4096;  // characters of an expression: what {0} discards costs time, too
 constexpr int kMaxNesting = 64;
 constexpr int kMaxRepetitions = 255;
 constexpr std::size_t kMaxNfaStates = 8192;
@@ -46,6 +46,9 @@ class Parser {
       : text_(text), loc_(loc), states_(states) {}
 
   Fragment parse() {
+    if (text_.size() > kMaxLength) {
+      fail(ErrorCode::kOutOfRange, kMaxLength, fmt::format("an expression has at most {} characters", kMaxLength));
+    }
     skip_spaces();
     if (at_ >= text_.size()) fail(ErrorCode::kSyntax, at_, "expected E");
     const Fragment f = alternatives();

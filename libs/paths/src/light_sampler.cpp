@@ -11,14 +11,20 @@ namespace tempera {
 
 namespace {
 
+/// A triangle of a light that does not move, ready for sampling.
+struct FixedTriangle {
+  Vec3f p, e1, e2, ng;
+};
+
 /// An emitting shape at one place.
 struct AreaLight {
   std::uint32_t instance = 0, shape = 0;
   const AreaEmission* emission = nullptr;
-  const Mesh* mesh = nullptr;  // null: analytic
-  Discrete triangles;          // by area at the reference time
-  float fixed_pdf_area = 0;    // 1 / area where the surface never moves; 0: ask at the time
-  int analytic = -1;           // index of the geometry variant: 1 sphere, 2 disk, 3 cylinder
+  const Mesh* mesh = nullptr;        // null: analytic
+  Discrete triangles;                // by area at the reference time
+  float fixed_pdf_area = 0;          // 1 / area where the surface never moves; 0: ask at the time
+  std::vector<FixedTriangle> fixed;  // of a mesh that never moves
+  int analytic = -1;                 // index of the geometry variant: 1 sphere, 2 disk, 3 cylinder
   Affine3f object_from_unit;
 };
 
@@ -111,6 +117,10 @@ struct LightSampler::Impl {
 
   float pdf_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& ng, double t) const;
   std::optional<LightSample> sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u) const;
+  std::optional<LightSample> from_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& p,
+                                       double t) const;
+  std::optional<LightSample> from_environment(const Vec3f& d, const Vec3f& p, double t) const;
+  std::optional<float> cap_pdf(const AreaLight& light, const Vec3f& q, const Vec3f& p, double t) const;
   std::optional<LightSample> sample_punctual(const PunctualLight& light, const Vec3f& p, double t) const;
   float area_of(const AreaLight& light, double t) const;
   LightReach reach_of(const AreaLight& light, float radiance) const;
@@ -182,7 +192,16 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
         }
         light.triangles = Discrete(areas);
         if (!(light.triangles.total() > 0)) continue;
-        if (!moving && !light.mesh->deforms()) light.fixed_pdf_area = float(1 / light.triangles.total());
+        if (!moving && !light.mesh->deforms()) {
+          light.fixed_pdf_area = float(1 / light.triangles.total());
+          for (std::uint32_t k = 0; k < light.mesh->triangle_count(); ++k) {
+            FixedTriangle f;
+            f.p = rays.position({i, light.shape, k, 0, 0}, s.reference_time, &f.ng);
+            f.e1 = rays.position({i, light.shape, k, 1, 0}, s.reference_time) - f.p;
+            f.e2 = rays.position({i, light.shape, k, 0, 1}, s.reference_time) - f.p;
+            light.fixed.push_back(f);
+          }
+        }
       } else {
         light.analytic = int(shape.geometry.index());
         light.object_from_unit = std::visit(
@@ -292,9 +311,7 @@ float LightSampler::Impl::pdf_area(const AreaLight& light, const SurfacePoint& p
 
 std::optional<LightSample> LightSampler::Impl::sample_area(const AreaLight& light, const Vec3f& p, double t, float u1,
                                                            Vec2f u) const {
-  LightSample r;
   SurfacePoint point{light.instance, light.shape, 0, 0, 0};
-  float pdf_solid_angle = 0;
   if (light.mesh) {
     point.primitive = light.triangles.sample(u1);
     // Uniform barycentrics without the square root's distortion [Heitz 2019, A Low-Distortion Map].
@@ -324,7 +341,6 @@ std::optional<LightSample> LightSampler::Impl::sample_area(const AreaLight& ligh
       point.u = std::atan2(n.y, n.x) * (0.5f * kInvPi);
       if (point.u < 0) point.u += 1;
       point.v = std::acos(std::clamp(n.z, -1.0f, 1.0f)) * kInvPi;
-      pdf_solid_angle = 1 / (2 * kPi * one_minus_cos_max);
     } else {
       point.u = u.x;
       point.v = std::acos(1 - 2 * u.y) * kInvPi;
@@ -334,20 +350,60 @@ std::optional<LightSample> LightSampler::Impl::sample_area(const AreaLight& ligh
     if (light.analytic == 1) point.v = std::acos(1 - 2 * u.y) * kInvPi;
     if (light.analytic == 2) point.u = std::sqrt(u.x);
   }
-  Vec3f ng;
-  const Vec3f q = rays->position(point, t, &ng);
+  return from_area(light, point, p, t);
+}
+
+/// Density of directions from p over the part of a round sphere that p sees, which is sampled by solid angle: 0 for
+/// points q of the sphere that p does not see. Empty for lights that are sampled by area.
+std::optional<float> LightSampler::Impl::cap_pdf(const AreaLight& light, const Vec3f& q, const Vec3f& p,
+                                                 double t) const {
+  const auto sphere = round_sphere(light, t);
+  if (!sphere) return std::nullopt;
+  const float d2 = length_squared(sphere->center - p), r2 = sqr(sphere->radius);
+  if (!(d2 > r2 * 1.0001f)) return std::nullopt;
+  if (dot(q - sphere->center, p - q) < 0) return 0.0f;
+  const float sin2 = r2 / d2;
+  const float one_minus_cos = sin2 < 1e-3f ? 0.5f * sin2 * (1 + 0.25f * sin2) : 1 - std::sqrt(std::max(0.0f, 1 - sin2));
+  return 1 / (2 * kPi * one_minus_cos);
+}
+
+/// Light from a point of an area light; the density lacks the choice of the light.
+std::optional<LightSample> LightSampler::Impl::from_area(const AreaLight& light, const SurfacePoint& point,
+                                                         const Vec3f& p, double t) const {
+  Vec3f q, ng;
+  if (light.fixed.empty()) {
+    q = rays->position(point, t, &ng);
+  } else {
+    const FixedTriangle& f = light.fixed[point.primitive];
+    q = f.p + f.e1 * point.u + f.e2 * point.v;
+    ng = f.ng;
+  }
+  LightSample r;
   const Vec3f to_light = q - p;
   const float d2 = length_squared(to_light);
   if (!(d2 > 0)) return std::nullopt;
   r.distance = std::sqrt(d2);
   r.wi = to_light * (1 / r.distance);
+  r.point = point;
   const float cosine = -dot(ng, r.wi);
-  if (cosine == 0 || (!light.emission->two_sided && cosine < 0)) return std::nullopt;
-  r.pdf = pdf_solid_angle > 0 ? pdf_solid_angle : pdf_area(light, point, ng, t) * d2 / std::abs(cosine);
+  if (cosine == 0) return std::nullopt;
+  const auto cap = cap_pdf(light, q, p, t);
+  r.pdf = cap ? *cap : pdf_area(light, point, ng, t) * d2 / std::abs(cosine);
+  if (!light.emission->two_sided && cosine < 0) return r;
   const Slot& slot = light.emission->radiance;
   r.radiance = slot.is_constant() ? slot.factor.values()[0] : slot.rgb(rays->shading_point(point, t, -r.wi));
-  r.point = point;
   return r;
+}
+
+std::optional<LightSample> LightSampler::Impl::from_environment(const Vec3f& d, const Vec3f& p, double t) const {
+  LightSample r;
+  r.wi = d;
+  r.distance = kInfinity;
+  for (std::size_t i = 0; i < environments.size(); ++i) {
+    r.radiance += radiance(environments[i], d, t);
+    r.pdf += choice.probability(p, std::uint32_t(first_environment() + i)) * pdf(environments[i], d, t);
+  }
+  return r.pdf > 0 ? std::optional(r) : std::nullopt;
 }
 
 std::optional<LightSample> LightSampler::Impl::sample_punctual(const PunctualLight& light, const Vec3f& p,
@@ -372,13 +428,14 @@ std::optional<LightSample> LightSampler::Impl::sample_punctual(const PunctualLig
   if (light.type == LightType::kPoint) return r;
   // Direction from the light in its own frame; rotation only, a light has no size.
   const Vec3f local{-dot(r.wi, normalize(world.x)), -dot(r.wi, normalize(world.y)), -dot(r.wi, axis)};
-  if (local.z <= 0) return std::nullopt;
+  const LightSample dark{.wi = r.wi, .distance = r.distance, .delta = true};
+  if (local.z <= 0) return dark;
   ShadingPoint s;
   s.time = t;
   if (light.type == LightType::kProjector) {
     const float tan_x = std::tan(0.5f * light.projector_fov), tan_y = tan_x / light.projector_aspect;
     s.uv = {0.5f - 0.5f * local.x / (local.z * tan_x), 0.5f - 0.5f * local.y / (local.z * tan_y)};
-    if (!(s.uv.x >= 0 && s.uv.x <= 1 && s.uv.y >= 0 && s.uv.y <= 1)) return std::nullopt;
+    if (!(s.uv.x >= 0 && s.uv.x <= 1 && s.uv.y >= 0 && s.uv.y <= 1)) return dark;
     const float depth = local.z * r.distance;
     r.radiance = intensity * (1 / (depth * depth * local.z));
     if (light.texture) r.radiance *= light.texture->rgb(s);
@@ -392,7 +449,7 @@ std::optional<LightSample> LightSampler::Impl::sample_punctual(const PunctualLig
   } else if (local.z < std::cos(beam)) {
     falloff = std::clamp((cutoff - std::acos(local.z)) / std::max(1e-6f, cutoff - beam), 0.0f, 1.0f);
   }
-  if (falloff <= 0) return std::nullopt;
+  if (falloff <= 0) return dark;
   r.radiance *= falloff;
   if (light.texture) {
     const float k = 0.5f / (local.z * std::tan(cutoff));
@@ -407,22 +464,33 @@ std::optional<LightSample> LightSampler::sample(const Vec3f& p, double t, float 
   if (s.choice.empty()) return std::nullopt;
   const auto [light, probability] = s.choice.sample(p, u_choice);
   if (!(probability > 0)) return std::nullopt;
+  std::optional<LightSample> r;
   if (light >= s.first_environment()) {
-    const EnvironmentMap& e = s.environments[light - s.first_environment()];
-    LightSample r;
-    r.wi = s.sample_direction(e, t, u);
-    r.distance = kInfinity;
-    r.radiance = environment(r.wi, t);
-    r.pdf = environment_pdf(r.wi, t, p);
-    return r.pdf > 0 ? std::optional(r) : std::nullopt;
-  }
-  if (light >= s.areas.size()) {
-    auto r = s.sample_punctual(s.scene->lights[light - s.areas.size()], p, t);
+    r = s.from_environment(s.sample_direction(s.environments[light - s.first_environment()], t, u), p, t);
+  } else if (light >= s.areas.size()) {
+    r = s.sample_punctual(s.scene->lights[light - s.areas.size()], p, t);
     if (r) r->pdf = probability;
-    return r;
+  } else {
+    r = s.sample_area(s.areas[light], p, t, u_choice, u);
+    if (r) r->pdf *= probability;
   }
-  auto r = s.sample_area(s.areas[light], p, t, u_choice, u);
-  if (r) r->pdf *= probability;
+  if (r) r->light = light;
+  return r;
+}
+
+std::optional<LightSample> LightSampler::connect(const LightSample& sample, const Vec3f& p, double t) const {
+  const Impl& s = *impl_;
+  std::optional<LightSample> r;
+  if (sample.light >= s.first_environment()) {
+    r = s.from_environment(sample.wi, p, t);
+  } else if (sample.light >= s.areas.size()) {
+    r = s.sample_punctual(s.scene->lights[sample.light - s.areas.size()], p, t);
+    if (r) r->pdf = s.choice.probability(p, sample.light);
+  } else {
+    r = s.from_area(s.areas[sample.light], *sample.point, p, t);
+    if (r) r->pdf *= s.choice.probability(p, sample.light);
+  }
+  if (r) r->light = sample.light;
   return r;
 }
 
@@ -437,15 +505,7 @@ float LightSampler::pdf(const SurfacePoint& point, const ShadingPoint& s, const 
   if (it == impl_->area_index.end()) return 0;
   const AreaLight& light = impl_->areas[it->second];
   const float probability = impl_->choice.probability(from, it->second);
-  if (const auto sphere = impl_->round_sphere(light, s.time)) {
-    const float d2 = length_squared(sphere->center - from), r2 = sqr(sphere->radius);
-    if (d2 > r2 * 1.0001f) {
-      const float sin2 = r2 / d2;
-      const float one_minus_cos =
-          sin2 < 1e-3f ? 0.5f * sin2 * (1 + 0.25f * sin2) : 1 - std::sqrt(std::max(0.0f, 1 - sin2));
-      return probability / (2 * kPi * one_minus_cos);
-    }
-  }
+  if (const auto cap = impl_->cap_pdf(light, s.p, from, s.time)) return probability * *cap;
   const float cosine = std::abs(dot(s.ng, s.wo));
   return cosine > 0 ? probability * impl_->pdf_area(light, point, s.ng, s.time) * sqr(distance) / cosine : 0;
 }

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include <chrono>
+#include <ctime>
 #include <functional>
 #include <map>
 #include <regex>
@@ -297,10 +297,12 @@ TEST(LightPathExpression, HostileExpressionsEndQuickly) {
       {"E((.{0,255}){0,255}){0,255}"},
       std::vector<std::string>(33, "ED"),
       {eye + repeat("D", 1000000)},
+      std::vector<std::string>(32,
+                               eye + repeat("((.{16}){16}){16}{0}", 204) + "D{255}{255}"),  // discarded work is work
       {eye + open + repeat("L", 4000) + close},
   };
-  const auto begin = std::chrono::steady_clock::now();
   for (std::size_t i = 0; i < hostile.size(); ++i) {
+    const std::clock_t begin = std::clock();  // of this process: other programs do not count
     try {
       LightPathClassifier c(hostile[i]);
       ADD_FAILURE() << "accepted " << i << " with " << c.state_count() << " states";
@@ -308,8 +310,9 @@ TEST(LightPathExpression, HostileExpressionsEndQuickly) {
       EXPECT_EQ(e.code(), i + 1 == hostile.size() ? ErrorCode::kSyntax : ErrorCode::kOutOfRange) << e.what();
       EXPECT_LT(std::string(e.what()).size(), 400u);
     }
+    // A fraction of a second; sanitizers and assertions take ten times that.
+    EXPECT_LT(double(std::clock() - begin) / CLOCKS_PER_SEC, 5.0) << "set " << i;
   }
-  EXPECT_LT(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count(), 20.0);
 }
 
 TEST(LightPathExpression, LargeButReasonableSetsCompile) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "statistics.h"
+#include "support/effort.h"
 
 namespace tempera {
 namespace {
@@ -88,8 +89,8 @@ TEST(SampleStream, IsUniformOverPixels) {
   for (const SamplerKind kind : kKinds) {
     for (const std::uint32_t sample : {0u, 1u, 77u}) {
       for (const std::uint32_t pair : {0u, 3u, 60u}) {
-        std::vector<double> counts(32 * 32), expected(32 * 32, 64.0);
-        for (int pixel = 0; pixel < 32 * 32 * 64; ++pixel) {
+        std::vector<double> counts(32 * 32), expected(32 * 32, 64.0 * test::effort());
+        for (int pixel = 0; pixel < 32 * 32 * 64 * test::effort(); ++pixel) {
           const Vec2f u = stream(kind, pixel, sample).get2(2 * pair);
           ASSERT_TRUE(u.x >= 0 && u.x < 1 && u.y >= 0 && u.y < 1);
           ++counts[std::size_t(u.x * 32) * 32 + std::size_t(u.y * 32)];
@@ -103,8 +104,8 @@ TEST(SampleStream, IsUniformOverPixels) {
 TEST(SampleStream, LowDigitsAreUniformToo) {
   for (const SamplerKind kind : kKinds) {
     for (std::uint32_t c = 0; c < 2; ++c) {
-      std::vector<double> counts(256), expected(256, 256.0);
-      for (int pixel = 0; pixel < 256; ++pixel) {
+      std::vector<double> counts(256), expected(256, 256.0 * test::effort());
+      for (int pixel = 0; pixel < 256 * test::effort(); ++pixel) {
         for (std::uint32_t sample = 0; sample < 256; ++sample) {
           const float u = stream(kind, pixel, sample).get1(c) * 65536.0f;
           ++counts[std::size_t((u - std::floor(u)) * 256)];
@@ -131,8 +132,8 @@ TEST(SampleStream, DifferentAddressesAreUncorrelated) {
         {"a frame before the first", [=](int p) { return stream(kind, 2 * p, 5, 7, -3).get1(8); }},
         {"another pair of a later sample", [=](int p) { return stream(kind, 2 * p, 6).get1(10); }}};
     for (const auto& [name, other] : others) {
-      std::vector<double> x, y, joint(8 * 8), expected(8 * 8, 50000.0 / 64);
-      for (int p = 0; p < 50000; ++p) {
+      std::vector<double> x, y, joint(8 * 8), expected(8 * 8, 50000.0 / 64 * test::effort());
+      for (int p = 0; p < 50000 * test::effort(); ++p) {
         x.push_back(base(p)), y.push_back(other(p));
         ++joint[std::size_t(x.back() * 8) * 8 + std::size_t(y.back() * 8)];
       }
@@ -153,7 +154,7 @@ TEST(SampleStream, PairsOfOnePixelAreIndependentOverItsSamples) {
   // Coordinates from two pairs: over the samples of one pixel, their joint first digits must not follow each other,
   // which they would if all pairs visited their sequences in the same order.
   std::vector<double> correlation, same_quadrant;
-  for (int pixel = 0; pixel < 4000; ++pixel) {
+  for (int pixel = 0; pixel < 4000 * test::effort(); ++pixel) {
     double sum = 0, same = 0;
     for (std::uint32_t i = 0; i < 16; ++i) {
       const SampleStream s = stream(SamplerKind::kSobol, pixel, i);

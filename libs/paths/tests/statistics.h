@@ -8,13 +8,9 @@
 #include <span>
 #include <vector>
 
-namespace tempera::test {
+#include "support/chi_square.h"
 
-/// Probability that a chi-square variable with `dof` degrees of freedom exceeds `x` [Wilson 1931], dof >= 3.
-inline double chi_square_tail(double x, double dof) {
-  const double z = (std::cbrt(x / dof) - (1 - 2 / (9 * dof))) / std::sqrt(2 / (9 * dof));
-  return 0.5 * std::erfc(z / std::sqrt(2.0));
-}
+namespace tempera::test {
 
 /// Passes unless counts differ from `expected` (two-sided: counts that fit too well fail as well, unless `stratified`).
 /// Cells expected below 5 are pooled.

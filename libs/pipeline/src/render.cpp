@@ -84,22 +84,34 @@ struct Sequence {
   }
 };
 
-/// What rays of one frame meet.
+/// What rays of one frame meet, and what its integrator made of that.
 struct FrameScene {
   RayScene rays;
   LightSampler lights;
   CameraModel camera;
+  std::unique_ptr<FramePlan> plan;
 
   FrameScene(Sequence& q, int frame)
       : rays(q.scene, q.exposure(frame), q.evaluation(frame), {.motion_step = q.motion_step()}, q.cache),
         lights(q.scene, rays),
         camera(q.scene, q.shot.settings.camera, q.shot.settings.width, q.shot.settings.height, q.evaluation(frame),
-               q.motion_step()) {}
+               q.motion_step()) {
+    const FrameContext now = context(q, frame);
+    if (q.integrator->frames_before() == 0) {
+      plan = q.integrator->prepare(now, nullptr);
+      return;
+    }
+    const TimeSpan exposure = q.exposure(frame - 1);
+    const double middle = 0.5 * (exposure.begin + exposure.end);
+    const RayScene rays_before(q.scene, {middle, middle}, q.evaluation(frame - 1), {.motion_step = q.motion_step()},
+                               q.cache);
+    const FrameContext before{q.scene, rays_before, lights, camera, q.classifier, q.shot.settings, frame - 1};
+    plan = q.integrator->prepare(now, &before);
+  }
+  FrameContext context(const Sequence& q, int frame) const {
+    return {q.scene, rays, lights, camera, q.classifier, q.shot.settings, frame, plan.get()};
+  }
 };
-
-FrameContext context(const Sequence& q, const FrameScene& s, int frame) {
-  return {q.scene, s.rays, s.lights, s.camera, q.classifier, q.shot.settings, frame};
-}
 
 RenderTotals totals_of(RenderCounters& c) { return {c.samples, c.rays, c.shadow_rays, c.bad_samples, c.first_bad}; }
 
@@ -395,7 +407,7 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
           log_warning(fmt::format("no checkpoint of frame {}: {}", f, e.what()));
         }
       });
-      render_tiles(q, context(q, frame_scene, f), frame, state, mutex, halt.get_token(),
+      render_tiles(q, frame_scene.context(q, f), frame, state, mutex, halt.get_token(),
                    [&](const Tile& t, const RenderTotals& totals) {
                      for (RenderObserver* o : observers) o->tile_done(f, frame, t, totals);
                    });
@@ -409,11 +421,16 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
       break;
     }
 
+    finish_frame(*q.integrator, frame_scene.context(q, f), frame);
     RenderInfo info = render_info_of(q, f);
     info.command = options.command;
     info.render_seconds = earlier + now() - frame_begin;
     set_render_info(frame.metadata, info);
     frame.metadata[kFingerprintKey] = print;
+    if (shot.settings.crop_width > 0) {  // layers of pixel indices count in the full picture
+      frame.metadata["tempera/crop_left"] = shot.settings.crop_x;
+      frame.metadata["tempera/crop_top"] = shot.settings.crop_y;
+    }
     writer.push(std::move(frame), {f, path, info.render_seconds, state.totals}, shot.write);
   }
   writer.finish();
@@ -439,7 +456,8 @@ Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals
   const FrameScene frame_scene(q, frame);
   CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
   std::mutex mutex;
-  render_tiles(q, context(q, frame_scene, frame), picture, state, mutex, {}, [](const Tile&, const RenderTotals&) {});
+  render_tiles(q, frame_scene.context(q, frame), picture, state, mutex, {}, [](const Tile&, const RenderTotals&) {});
+  finish_frame(*q.integrator, frame_scene.context(q, frame), picture);
   if (totals) *totals = state.totals;
   return picture;
 }
@@ -453,7 +471,7 @@ Rgb replay_sample(const Shot& shot, const Scene& scene, const BadSample& b) {
   Sequence q(shot, scene);
   const FrameScene frame_scene(q, b.frame);
   const FlushDenormals flush;  // as the render had it
-  return q.integrator->replay(context(q, frame_scene, b.frame), b.x, b.y, b.sample);
+  return q.integrator->replay(frame_scene.context(q, b.frame), b.x, b.y, b.sample);
 }
 
 }  // namespace tempera

@@ -198,6 +198,10 @@ void settle_classes(const ShotConfig& config, RenderSettings& s) {
   std::vector<std::string> expressions;
   std::vector<SourceLoc> locs;
   for (const auto& [key, value] : s.classes_are_decomposition ? parts : classes) {
+    if (expressions.size() == LightPathClassifier::kMaxExpressions) {
+      throw Error(ErrorCode::kOutOfRange, value.loc,
+                  fmt::format("there can be at most {} light-path classes", LightPathClassifier::kMaxExpressions));
+    }
     const std::string& name = key[0];
     const bool plain =
         std::all_of(name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-'; });
@@ -246,7 +250,21 @@ void settle_integrator(const ShotConfig& config, const RenderDefaults& defaults,
   if (defaults.rr_depth && takes("rr_depth")) shot.params.set("rr_depth", *defaults.rr_depth);
   if (defaults.hide_emitters && takes("hide_emitters")) shot.params.set("hide_emitters", *defaults.hide_emitters);
   if (takes("null_counts_as_bounce")) shot.params.set("null_counts_as_bounce", defaults.null_counts_as_bounce);
-  for (const auto& [key, value] : config.table("integrator")) set_param(shot.params, key[0], value);
+  // The table in the file was written for the integrator that the file names. Where the command line chooses another,
+  // what that one does not have is not an error of the file.
+  const bool chosen_outside = config.find("integrator.name") && config.loc("integrator.name").line == 0;
+  std::vector<std::string> left_out;
+  for (const auto& [key, value] : config.table("integrator")) {
+    if (chosen_outside && value.loc.line > 0 && !takes(key[0].c_str())) {
+      left_out.push_back(key[0]);
+    } else {
+      set_param(shot.params, key[0], value);
+    }
+  }
+  if (!left_out.empty()) {
+    log_warning(fmt::format("the integrator \"{}\" has no parameter {}: left out of the shot's", shot.integrator,
+                            fmt::join(left_out, ", ")));
+  }
 }
 
 void replace_environment(const ShotConfig& config, Shot& shot, Scene& scene) {
@@ -424,7 +442,13 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
 
   // Which layers an integrator can write is its own knowledge; ask it before a ray is traced.
   try {
-    find_integrator(shot.integrator).make(shot.params)->outputs(s);
+    const auto outputs = find_integrator(shot.integrator).make(shot.params)->outputs(s);
+    const bool differences = std::any_of(outputs.begin(), outputs.end(),
+                                         [](const LayerDesc& d) { return d.unit == units::kRadianceDifference; });
+    if (shot.write.half && differences) {
+      log_warning("differences of 16-bit floats are too coarse to reconstruct from: files hold 32-bit floats");
+      shot.write.half = false;
+    }
   } catch (const Error& e) {
     if (!e.loc().file.empty()) throw;
     throw Error(e.code(), config.loc("output.layers"), e.message());

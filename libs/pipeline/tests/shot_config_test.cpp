@@ -125,7 +125,7 @@ TEST(ShotConfig, TableIsConsistent) {
   for (const ShotKey& k : shot_keys()) {
     EXPECT_TRUE(names.insert(k.spec.name).second) << k.spec.name;
     EXPECT_FALSE(k.spec.help.empty()) << k.spec.name;
-    if (!k.flag.empty()) EXPECT_TRUE(flags.insert(k.flag).second) << k.flag;
+    EXPECT_TRUE(k.flag.empty() || flags.insert(k.flag).second) << k.flag;
     Params p(std::span(&k.spec, 1));
     if (k.spec.choices.empty()) continue;
     EXPECT_NO_THROW(p.set(k.spec.name, k.spec.fallback)) << "default of " << k.spec.name;

@@ -86,6 +86,24 @@ TEST(Shot, SceneFileThenShotThenCommandLine) {
   EXPECT_EQ(from_line.params.get_int("max_depth"), 3);
 }
 
+TEST(Shot, AnotherIntegratorLeavesOutWhatItDoesNotHave) {
+  const std::string file = "scene=\"scene.xml\"\n[integrator]\nname=\"path\"\nclamp=5.0\nmax_depth=6\n";
+  Scene s = scene();
+  ShotConfig c;
+  c.read_text(file, "shot.toml", ".");
+  c.set_text("integrator.name", "gradient_path");
+  std::string log;
+  set_log_writer([&](std::string_view line) { log += line; });
+  const Shot shot = settle_shot(c, s);
+  set_log_writer({});
+  EXPECT_EQ(shot.params.get_int("max_depth"), 6);
+  EXPECT_NE(log.find("\"gradient_path\" has no parameter clamp"), std::string::npos) << log;
+  // In the file itself, and on the command line, it is an error.
+  EXPECT_EQ(error_of("[integrator]\nname=\"gradient_path\"\nclamp=5.0\n").code(), ErrorCode::kUnknownName);
+  c.set_text("integrator.clamp", "5");
+  EXPECT_THROW(settle_shot(c, s), Error);
+}
+
 TEST(Shot, FramesFollowTheAnimation) {
   Scene s = scene();
   s.animation = {1.0 / 24, 1.0};  // as Blender writes it: no key at 0

@@ -224,25 +224,13 @@ std::optional<BsdfSample> Bsdf::sample(const Vec3f& wo, float u_lobe, const Vec2
   const Frame& frame = frames_[entry.frame];
   const Vec3f o = frame.basis.to_local(wo);
   BsdfSample out;
+  out.lobe = chosen;
   BsdfEval sum;
-  bool valid = false;
+  bool valid = false, delta = false;
   visit_lobe(entry.lobe, [&](const auto& lobe) {
     using L = std::decay_t<decltype(lobe)>;
     if constexpr (L::kDelta) {
-      const DeltaSample s = lobe.sample(o);
-      if (!s.valid) return;
-      out.wi = frame.basis.to_world(s.wi);
-      float weight = entry.weight;
-      if (frame.parent >= 0) weight *= frame_factor(frame, out.wi);
-      if (entry.layer >= 0) weight *= layer_factor(entry.layer, wo, out.wi);
-      out.transmitted = s.wi.z * o.z < 0;
-      out.event = event_of(0, out.transmitted);
-      out.f_cos[std::size_t(out.event)] = s.f * weight;
-      out.pdf = entry.probability / total_probability_;
-      out.delta = true;
-      out.eta = s.eta;
-      out.roughness = 0;
-      valid = weight > 0;
+      delta = true;
     } else {
       Vec3f local;
       if (!lobe.sample(o, u_choice, u, local)) return;
@@ -256,14 +244,71 @@ std::optional<BsdfSample> Bsdf::sample(const Vec3f& wo, float u_lobe, const Vec2
       valid = true;
     }
   });
+  if (delta) return sample_delta(chosen, wo);
   if (!valid) return std::nullopt;
-  if (!out.delta) {
-    if (lobes_.size() > 1) accumulate_all(wo, out.wi, chosen, sum);
-    if (!(sum.pdf > 0) || !std::isfinite(sum.pdf)) return std::nullopt;
-    out.f_cos = sum.f_cos;
-    out.pdf = sum.pdf / total_probability_;
-  }
+  if (lobes_.size() > 1) accumulate_all(wo, out.wi, chosen, sum);
+  if (!(sum.pdf > 0) || !std::isfinite(sum.pdf)) return std::nullopt;
+  out.f_cos = sum.f_cos;
+  out.pdf = sum.pdf / total_probability_;
   return out;
+}
+
+std::optional<BsdfSample> Bsdf::sample_delta(int i, const Vec3f& wo) const {
+  const Entry& entry = lobes_[i];
+  const Frame& frame = frames_[entry.frame];
+  const Vec3f o = frame.basis.to_local(wo);
+  BsdfSample out;
+  float weight = 0;
+  visit_lobe(entry.lobe, [&](const auto& lobe) {
+    if constexpr (std::decay_t<decltype(lobe)>::kDelta) {
+      const DeltaSample s = lobe.sample(o);
+      if (!s.valid) return;
+      out.wi = frame.basis.to_world(s.wi);
+      weight = entry.weight;
+      if (frame.parent >= 0) weight *= frame_factor(frame, out.wi);
+      if (entry.layer >= 0) weight *= layer_factor(entry.layer, wo, out.wi);
+      out.transmitted = s.wi.z * o.z < 0;
+      out.event = event_of(0, out.transmitted);
+      out.f_cos[std::size_t(out.event)] = s.f * weight;
+      out.pdf = entry.probability / total_probability_;
+      out.delta = true;
+      out.eta = s.eta;
+      out.roughness = 0;
+      out.lobe = i;
+    }
+  });
+  return weight > 0 ? std::optional(out) : std::nullopt;
+}
+
+bool Bsdf::is_delta(int i) const {
+  bool delta = false;
+  visit_lobe(lobes_[i].lobe, [&](const auto& lobe) { delta = lobe.kDelta; });
+  return delta;
+}
+
+float Bsdf::least_roughness() const {
+  float least = kInfinity;
+  for (int i = 0; i < lobes_.size(); ++i) {
+    visit_lobe(lobes_[i].lobe, [&](const auto& lobe) {
+      if (!lobe.kDelta) least = std::min(least, lobe.roughness());
+    });
+  }
+  return least;
+}
+
+float Bsdf::rough_eta(const Vec3f& wo) const {
+  float eta = 0;
+  for (int i = 0; i < lobes_.size() && eta == 0; ++i) {
+    const float cosine = dot(frames_[lobes_[i].frame].basis.n, wo);
+    visit_lobe(lobes_[i].lobe, [&]<class L>(const L& lobe) {
+      if constexpr (requires { L::kRefracts; }) {
+        eta = cosine > 0 ? lobe.fresnel.eta : 1 / lobe.fresnel.eta;
+      } else if constexpr (requires { L::kPasses; }) {
+        eta = 1;
+      }
+    });
+  }
+  return eta;
 }
 
 Rgb Bsdf::albedo(const Vec3f& wo, Event event) const {

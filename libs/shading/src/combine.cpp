@@ -18,6 +18,8 @@ class Wrapper : public Material {
   bool has_opacity() const override { return nested_->has_opacity(); }
   Rgb absorption(const ShadingPoint& point) const override { return nested_->absorption(point); }
   bool has_absorption() const override { return nested_->has_absorption(); }
+  bool needs_tangents() const override { return nested_->needs_tangents(); }
+  bool needs_footprint() const override { return nested_->needs_footprint(); }
   int max_lobes() const override { return nested_->max_lobes(); }
   int max_frames() const override { return nested_->max_frames(); }
   int max_layers() const override { return nested_->max_layers(); }
@@ -61,6 +63,8 @@ class TwoSided final : public Material {
     return (cos_wo(point) < 0 ? back_ : front_)->opacity(point);
   }
   bool has_opacity() const override { return front_->has_opacity() || back_->has_opacity(); }
+  bool needs_tangents() const override { return front_->needs_tangents() || back_->needs_tangents(); }
+  bool needs_footprint() const override { return front_->needs_footprint() || back_->needs_footprint(); }
   int max_lobes() const override { return std::max(front_->max_lobes(), back_->max_lobes()); }
   int max_frames() const override { return 1 + std::max(front_->max_frames(), back_->max_frames()); }
   int max_layers() const override { return std::max(front_->max_layers(), back_->max_layers()); }
@@ -92,6 +96,8 @@ class Blend final : public Material {
     return lerp(a_->absorption(point), b_->absorption(point), mix(point));
   }
   bool has_absorption() const override { return a_->has_absorption() || b_->has_absorption(); }
+  bool needs_tangents() const override { return a_->needs_tangents() || b_->needs_tangents(); }
+  bool needs_footprint() const override { return weight_.texture || a_->needs_footprint() || b_->needs_footprint(); }
   int max_lobes() const override { return a_->max_lobes() + b_->max_lobes(); }
   int max_frames() const override { return a_->max_frames() + b_->max_frames(); }
   int max_layers() const override { return a_->max_layers() + b_->max_layers(); }
@@ -109,6 +115,7 @@ class Mask final : public Wrapper {
     return std::clamp(opacity_.scalar(point), 0.0f, 1.0f) * nested_->opacity(point);
   }
   bool has_opacity() const override { return true; }
+  bool needs_footprint() const override { return opacity_.texture || nested_->needs_footprint(); }
 
  private:
   Slot opacity_;
@@ -132,6 +139,8 @@ class Perturbed : public Wrapper {
     bumped.bsdf_frame = bsdf.add_perturbed_frame(bumped.frame, frame_of(point, bsdf));
     nested_->add_lobes(bumped, weight, bsdf);
   }
+  bool needs_tangents() const override { return true; }
+  bool needs_footprint() const override { return true; }
   int max_frames() const override { return 1 + Wrapper::max_frames(); }
 
  protected:

@@ -17,6 +17,10 @@ class Conductor final : public Material {
     else
       bsdf.add(frame, MirrorLobe<ConductorFresnel>{fresnel}, weight, weight);
   }
+  bool needs_tangents() const override { return is_anisotropic(p_.roughness); }
+  bool needs_footprint() const override {
+    return any_texture(p_.roughness) || any_texture({&p_.eta, &p_.k, &p_.specular_reflectance});
+  }
 
  private:
   ConductorParams p_;

@@ -38,6 +38,10 @@ class Dielectric final : public Material {
       bsdf.add(frame, RefractionLobe<DielectricFresnel>{fresnel}, weight * (1 - r), weight);
     }
   }
+  bool needs_tangents() const override { return is_anisotropic(p_.roughness); }
+  bool needs_footprint() const override {
+    return any_texture(p_.roughness) || any_texture({&p_.specular_reflectance, &p_.specular_transmittance});
+  }
   int max_lobes() const override { return 2; }
 
  private:

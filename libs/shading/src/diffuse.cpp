@@ -13,6 +13,8 @@ class Diffuse final : public Material {
     lobe.reflectance = reflectance_.rgb(point);
     bsdf.add(frame_of(point, bsdf), lobe, weight, weight);
   }
+  bool needs_tangents() const override { return false; }
+  bool needs_footprint() const override { return any_texture({&reflectance_}); }
 
  private:
   Slot reflectance_;
@@ -21,6 +23,8 @@ class Diffuse final : public Material {
 class Black final : public Material {
  public:
   void add_lobes(const ShadingPoint&, float, Bsdf&) const override {}
+  bool needs_tangents() const override { return false; }
+  bool needs_footprint() const override { return false; }
   int max_lobes() const override { return 0; }
   int max_frames() const override { return 0; }
 };

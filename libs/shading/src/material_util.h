@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // What the materials share.
+#include <algorithm>
+#include <initializer_list>
+
 #include "tempera/shading/material.h"
 
 namespace tempera {
@@ -15,6 +18,17 @@ inline float cos_wo(const ShadingPoint& point) { return dot(point.wo, point.fram
 inline Microfacet microfacet_of(const Roughness& r, const ShadingPoint& point) {
   return {r.distribution, r.alpha_u.scalar(point), r.alpha_v.scalar(point), r.sample_visible};
 }
+
+/// Whether the lobes depend on the tangent: unless both alphas are known to be equal.
+inline bool is_anisotropic(const Roughness& r) {
+  if (!r.rough) return false;
+  return r.alpha_u.texture != r.alpha_v.texture || !r.alpha_u.factor.is_constant() || !r.alpha_v.factor.is_constant() ||
+         r.alpha_u.factor.values()[0].r != r.alpha_v.factor.values()[0].r;
+}
+inline bool any_texture(std::initializer_list<const Slot*> slots) {
+  return std::any_of(slots.begin(), slots.end(), [](const Slot* s) { return s->texture != nullptr; });
+}
+inline bool any_texture(const Roughness& r) { return r.rough && any_texture({&r.alpha_u, &r.alpha_v}); }
 
 /// Brightness that decides between specular and diffuse sampling, as Mitsuba averages it: constants over the channels,
 /// textures by luminance.

@@ -81,6 +81,12 @@ class MetallicRoughness final : public Material {
 
   Rgb absorption(const ShadingPoint&) const override { return absorption_; }
   bool has_absorption() const override { return transmits_ && !is_black(absorption_); }
+  bool needs_tangents() const override { return has_anisotropy_ || p_.clearcoat_normal; }
+  bool needs_footprint() const override {
+    return p_.clearcoat_normal || p_.anisotropy_direction ||
+           any_texture({&p_.base_color, &p_.metallic, &p_.roughness, &p_.transmission, &p_.specular, &p_.specular_color,
+                        &p_.clearcoat, &p_.clearcoat_roughness, &p_.sheen_color, &p_.sheen_roughness, &p_.anisotropy});
+  }
   int max_lobes() const override { return 5; }
   int max_frames() const override { return 5; }
   int max_layers() const override { return 3; }

@@ -124,6 +124,8 @@ class Plastic final : public Material {
       bsdf.add(frame, lobe, weight * (1 - specular), weight);
     }
   }
+  bool needs_tangents() const override { return false; }  // roughness is one constant
+  bool needs_footprint() const override { return any_texture({&p_.diffuse_reflectance, &p_.specular_reflectance}); }
   int max_lobes() const override { return 2; }
 
  private:

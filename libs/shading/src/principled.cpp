@@ -53,6 +53,11 @@ class Principled final : public Material {
       bsdf.add(frame, ClearcoatLobe{coat, 0.1f + gloss * (0.001f - 0.1f), p_.eta}, scale * coat, weight);
     }
   }
+  bool needs_tangents() const override { return !(p_.anisotropic.is_constant() && p_.anisotropic.factor.at(0).r == 0); }
+  bool needs_footprint() const override {
+    return any_texture({&p_.base_color, &p_.roughness, &p_.anisotropic, &p_.metallic, &p_.spec_trans, &p_.spec_tint,
+                        &p_.sheen, &p_.sheen_tint, &p_.flatness, &p_.clearcoat, &p_.clearcoat_gloss});
+  }
   int max_lobes() const override { return 3; }
 
  private:

@@ -33,15 +33,13 @@ std::size_t index_of(const std::vector<int>& sorted, int value) {
 
 // --- What to compare
 
-/// Which frames a side is compared in.
-CompareSide plan_side(const CompareInput& input, const FrameSequence& reference, const CompareOptions& options) {
+/// Which frames a side is compared in, of those in `chosen` (ascending; empty: all).
+CompareSide plan_side(const CompareInput& input, const FrameSequence& reference, const std::vector<int>& chosen) {
   CompareSide side;
   side.name = input.name;
   for (const FrameSequence& r : input.runs) side.runs.push_back(r.pattern());
   const bool still = reference.frames().size() == 1;
-  const auto wanted = [&](int f) {
-    return options.frames.empty() || std::find(options.frames.begin(), options.frames.end(), f) != options.frames.end();
-  };
+  const auto wanted = [&](int f) { return chosen.empty() || contains(chosen, f); };
   // Runs that are single pictures belong together whatever numbers their names hold.
   const auto serves = [](const FrameSequence& run, int f) { return run.has(f) || run.path(f) == run.path(f + 1); };
   bool common = false;
@@ -151,10 +149,12 @@ class Comparison {
   void plan_sides() {
     result_.reference = reference_.pattern();
     result_.options = options_;
+    std::vector<int> chosen = options_.frames;
+    std::sort(chosen.begin(), chosen.end());
     std::set<int> all;
     std::vector<std::string> names;
     for (const CompareInput& input : tests_) {
-      CompareSide side = plan_side(input, reference_, options_);
+      CompareSide side = plan_side(input, reference_, chosen);
       all.insert(side.frames.begin(), side.frames.end());
       for (std::size_t r = 0; r < input.runs.size(); ++r) {
         Run& run = runs_.emplace_back();
@@ -473,7 +473,7 @@ class Comparison {
       const auto at = std::int64_t(index_of(result_.sides[s].frames, frame)) - std::int64_t(plan.first);
       if (at < 0 || at >= plan.frames) continue;
       for (Tracks& t : plan.tracks) {
-        if (!before_.forward.empty()) t.advance(before_.forward, some(now_.backward));
+        t.advance(before_.forward, some(now_.backward));
       }
       const bool begins = contains(plan.segments.starts, int(at));
       if (begins && uses_tracks_) plan.tracks.emplace_back(*choice_);

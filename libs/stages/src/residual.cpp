@@ -50,6 +50,11 @@ Tracks::Tracks(const PixelChoice& choice) {
 }
 
 void Tracks::advance(const Image& forward, const Image* backward) {
+  if (forward.empty()) {
+    constexpr float kNowhere = std::numeric_limits<float>::quiet_NaN();
+    std::fill(positions_.begin(), positions_.end(), Vec2f{kNowhere, kNowhere});
+    return;
+  }
   parallel_for(0, blocks(positions_.size()), [&](std::int64_t block) {
     const auto end = std::min(std::size_t((block + 1) * kBlock), positions_.size());
     for (auto i = std::size_t(block * kBlock); i < end; ++i) {

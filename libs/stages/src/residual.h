@@ -44,7 +44,8 @@ class Tracks {
  public:
   explicit Tracks(const PixelChoice& choice);
   /// Moves on by a frame. `forward`: motion.forward of the frame that is left; `backward`: motion.backward of the one
-  /// that is entered, null to trust every vector. Points that get lost stay so.
+  /// that is entered, null to trust every vector. Points that get lost stay so; without vectors (an empty image) all
+  /// are.
   void advance(const Image& forward, const Image* backward);
   /// NaN for those that are lost.
   const std::vector<Vec2f>& positions() const { return positions_; }

@@ -176,6 +176,8 @@ TEST(Tracks, FollowASurfaceUntilItIsLost) {
   covered.advance(forward, &backward);
   EXPECT_TRUE(std::isnan(covered.positions()[8].x)) << "leads to 10, where nothing came from 8.5";
   EXPECT_FALSE(std::isnan(covered.positions()[20].x));
+  covered.advance(Image(), nullptr);
+  EXPECT_TRUE(std::isnan(covered.positions()[20].x)) << "there are no vectors to follow";
 }
 
 TEST(Tracks, ResidualsAreLookedUpAtTheNearestPixel) {

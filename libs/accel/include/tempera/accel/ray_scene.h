@@ -45,6 +45,12 @@ struct SurfaceMotion {
   Vec3f dpdt, dndt;  ///< with the material coordinates held fixed
 };
 
+/// How position and unit shading normal of a surface change with its texture coordinates: world space, per unit uv.
+/// Tangents are arbitrary, and the normal's derivatives zero, where the uv coordinates degenerate.
+struct SurfaceDerivatives {
+  Vec3f dpdu, dpdv, dndu, dndv;
+};
+
 struct RaySceneOptions {
   double motion_step = 1.0 / 96;  ///< seconds between knots of the resampling grid, > 0
   bool robust = false;            ///< Embree's watertight mode, about 5 % slower
@@ -87,6 +93,7 @@ class RayScene {
   ShadingPoint shading_point(const SurfacePoint& point, double t, const Vec3f& wo) const;
   /// World position alone, and the unit geometric normal if `ng` is not null.
   Vec3f position(const SurfacePoint& point, double t, Vec3f* ng = nullptr) const;
+  SurfaceDerivatives derivatives(const SurfacePoint& point, double t) const;
   SurfaceMotion motion(const SurfacePoint& point, double t) const;
   /// World area of triangle `primitive` of a mesh shape at time t, with its unit geometric normal.
   float triangle_area(std::uint32_t instance, std::uint32_t shape, std::uint32_t primitive, double t) const;

@@ -24,12 +24,14 @@ std::string_view to_string(Combine combine);
 
 /// Units of layers: the `unit` of a LayerDesc is one of these, or any text for layers outside the vocabulary.
 namespace units {
-inline constexpr const char* kRadiance = "radiance, scene-linear Rec. 709";  ///< W/(m^2 sr)
-inline constexpr const char* kReflectance = "reflectance, linear Rec. 709";  ///< in [0,1]
+inline constexpr const char* kRadiance = "radiance, scene-linear Rec. 709";   ///< W/(m^2 sr)
+inline constexpr const char* kRadianceDifference = "difference of radiance";  ///< between pixels or frames
+inline constexpr const char* kReflectance = "reflectance, linear Rec. 709";   ///< in [0,1]
 inline constexpr const char* kDirection = "unit vector, world space";
 inline constexpr const char* kMeters = "meters";
 inline constexpr const char* kWorld = "meters, world space";
 inline constexpr const char* kPixels = "pixels, x right, y down; Z meters; V 1 where valid";
+inline constexpr const char* kPixelIndex = "index of a pixel of the full picture; V 1 where valid";
 inline constexpr const char* kSquaredRadiance = "squared radiance";
 inline constexpr const char* kSeconds = "seconds";
 inline constexpr const char* kCount = "count";
@@ -67,6 +69,9 @@ LayerDesc motion_backward();  ///< "motion.backward" X,Y,Z,V: previous - current
 LayerDesc grad_x();           ///< "grad.x" R,G,B: I[p + x] - I[p]
 LayerDesc grad_y();           ///< "grad.y" R,G,B: I[p + y] - I[p]
 LayerDesc grad_t();           ///< "grad.t" R,G,B: I[next frame, same surface point] - I[p]
+LayerDesc grad_x_variance();  ///< "grad.x.var" R,G,B: variance of grad.x, which is a mean
+LayerDesc grad_y_variance();  ///< "grad.y.var" R,G,B: variance of grad.y
+LayerDesc source();           ///< "source" X,Y,V: pixel of the previous frame whose random numbers were replayed here
 LayerDesc samples();          ///< "samples" N: paths traced through the pixel
 LayerDesc time();             ///< "time" T: mean shutter time, seconds on the shot's axis
 /// "Crypto<kind><rank>" R,G,B,A = id, coverage, id, coverage of two ranks, e.g. "CryptoObject00".

@@ -54,6 +54,11 @@ struct RenderSettings {
   int y1() const { return crop_width > 0 ? crop_y + crop_height : height; }
 };
 
+/// What an integrator works out once for a frame and all its tiles share.
+struct FramePlan {
+  virtual ~FramePlan() = default;
+};
+
 /// Everything that is fixed while one frame renders.
 struct FrameContext {
   const Scene& scene;
@@ -63,6 +68,7 @@ struct FrameContext {
   const LightPathClassifier& classifier;
   const RenderSettings& settings;
   int frame = 0;
+  const FramePlan* plan = nullptr;  ///< what the integrator's `prepare` returned
 };
 
 /// The quantum of parallelism, checkpoint and resume: pixels [x0,x1) x [y0,y1) of the frame with all their samples.
@@ -94,6 +100,17 @@ class Integrator {
   /// Errors: Error{kUnknownName | kUnsupported} for a requested layer that this integrator cannot write.
   virtual std::vector<LayerDesc> outputs(const RenderSettings& settings) const = 0;
 
+  /// Layers that `render` fills beside them for `finish`, and that no file holds.
+  virtual std::vector<LayerDesc> work_layers(const RenderSettings& /*settings*/) const { return {}; }
+
+  /// How many frames before the one that is rendered `prepare` looks at: 0 or 1.
+  virtual int frames_before() const { return 0; }
+  /// Called before the tiles of a frame. `before`: the preceding frame, if frames_before() asks for it; its rays serve
+  /// the middle of its exposure only. Threads: called from one, may use parallel_for.
+  virtual std::unique_ptr<FramePlan> prepare(const FrameContext& /*context*/, const FrameContext* /*before*/) const {
+    return nullptr;
+  }
+
   /// Writes the estimates of one tile to `out`.
   /// Shapes:  every layer of `outputs()` exists in `out` with the size of the crop window; tile coordinates are pixels
   /// of
@@ -105,11 +122,18 @@ class Integrator {
   virtual void render(const FrameContext& context, const Tile& tile, Frame& out, RenderCounters& counters,
                       std::stop_token stop) const = 0;
 
+  /// Makes what needs neighbouring pixels of other tiles, once all tiles of a frame are rendered.
+  virtual void finish(const FrameContext& /*context*/, Frame& /*out*/) const {}
+
   /// Renders the single sample (x, y, sample) of the frame and returns its radiance: to replay a bad sample.
   virtual Rgb replay(const FrameContext& context, int x, int y, int sample) const = 0;
 };
 
-/// A frame with all layers of `integrator`, zero, and the metadata that goes with them (cryptomatte manifest).
+/// Calls Integrator::finish and removes the work layers.
+void finish_frame(const Integrator& integrator, const FrameContext& context, Frame& frame);
+
+/// A frame with all layers of `integrator`, work layers too, zero, and the metadata that goes with them (cryptomatte
+/// manifest).
 Frame make_frame(const Integrator& integrator, const RenderSettings& settings, const Scene& scene);
 
 /// A name that users can choose, its help line, its parameters and its factory.

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Light-path expressions: regular expressions over the events of a path from the eye (E) over diffuse (D), reflective
-// (R) and transmissive (T) scattering to a light (L), compiled together into one automaton: one byte of state per path,
-// O(1) per vertex [Zimmer 2015, Sec. 3].
+// (R) and transmissive (T) scattering to a light (L), compiled together into one automaton: one number of state per
+// path, O(1) per vertex [Zimmer 2015, Sec. 3].
 //
 //   alt := cat ('|' cat)*     cat := rep+     rep := atom ('*' | '+' | '?' | '{n}' | '{m,n}' | '{m,}')*
 //   atom := letter | '.' | '[' letter+ ']' | '[^' letter+ ']' | '(' alt ')'
@@ -24,9 +24,10 @@ namespace tempera {
 /// The joint automaton of a set of expressions. A value; const use is re-entrant.
 class LightPathClassifier {
  public:
-  /// At most 32 expressions; `loc` is where each begins, and errors point at the offending character after it.
-  /// Errors: Error{kSyntax} with what is expected; Error{kOutOfRange} for too many states, repetitions, nested groups
-  /// or expressions.
+  static constexpr std::size_t kMaxExpressions = 32;
+  /// `loc` is where each expression begins, and errors point at the offending character after it.
+  /// Errors: Error{kSyntax} with what is expected; Error{kOutOfRange} for too many states, repetitions, nested groups,
+  /// characters or expressions: no set, however hostile, takes more than a fraction of a second.
   explicit LightPathClassifier(const std::vector<std::string>& expressions = {}, const SourceLoc& loc = {});
 
   using State = std::uint16_t;

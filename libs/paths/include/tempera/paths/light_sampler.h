@@ -21,6 +21,7 @@ struct LightSample {
                   ///< probability of the choice
   bool delta = false;                 ///< no ray finds this light by chance
   std::optional<SurfacePoint> point;  ///< for area lights
+  std::uint32_t light = 0;            ///< which one, for LightSampler::connect
 };
 
 /// Threads: const and re-entrant.
@@ -32,8 +33,12 @@ class LightSampler {
   LightSampler(LightSampler&&) noexcept;
 
   bool empty() const;
-  /// u_choice in [0,1), u in [0,1)^2. Empty if the light cannot reach p.
+  /// u_choice in [0,1), u in [0,1)^2. Black if the light does not shine towards p; empty if there is no direction to
+  /// it.
   std::optional<LightSample> sample(const Vec3f& p, double t, float u_choice, const Vec2f& u) const;
+  /// The same end of a path (the point of an area light, the direction of an environment, the lamp) seen from another
+  /// place: where it is, what it sends there, and with which density sample() at `p` would have picked it.
+  std::optional<LightSample> connect(const LightSample& sample, const Vec3f& p, double t) const;
   /// Radiance of the surface at `s` towards s.wo; black if it does not emit to that side.
   Rgb emitted(const SurfacePoint& point, const ShadingPoint& s) const;
   /// Density (solid angle at `from`) with which sample() picks the emitting surface point seen along a ray of length

@@ -67,6 +67,12 @@ constexpr W sobol2_reversed(W index) {
 }
 }  // namespace detail
 
+/// All random numbers of the camera vertex.
+struct CameraNumbers {
+  Vec2f pixel, lens;
+  float time = 0;
+};
+
 /// All random numbers of one scattering vertex.
 struct VertexNumbers {
   Vec2f direction, light_point;
@@ -109,34 +115,50 @@ class SampleStream {
     const detail::Words4 bits = detail::reverse_bits(detail::scramble_reversed(digits, detail::Words4{low, high}));
     return {to_unit_float(bits[0]), to_unit_float(bits[1])};
   }
-  /// The numbers of vertex b, equal to get1 and get2 of its coordinates, for little more than the price of one pair.
+  /// The numbers of the camera, and of vertex b: equal to get1 and get2 of their coordinates, for little more than the
+  /// price of one pair.
+  CameraNumbers camera() const {
+    const Block u = block(0);
+    using D = CameraDim;
+    return {{u(D::kPixel), u(D::kPixel, 1)}, {u(D::kLens), u(D::kLens, 1)}, u(D::kTime)};
+  }
   VertexNumbers vertex(std::uint32_t b) const {
-    static_assert(kDimsPerVertex == 8);
-    const std::uint32_t pair = kDimsPerVertex / 2 * (b + 1);
-    const std::uint64_t h0 = pair_hash(pair), h1 = pair_hash(pair + 1), h2 = pair_hash(pair + 2),
-                        h3 = pair_hash(pair + 3);
-    // Lanes 0 to 3: first dimensions of the four pairs; 4 to 7: second.
-    detail::Words8 bits{std::uint32_t(h0),       std::uint32_t(h1),       std::uint32_t(h2),
-                        std::uint32_t(h3),       std::uint32_t(h0 >> 32), std::uint32_t(h1 >> 32),
-                        std::uint32_t(h2 >> 32), std::uint32_t(h3 >> 32)};
-    if (kind_ != SamplerKind::kIndependent) {
-      const detail::Words4 seeds{order_seed(h0), order_seed(h1), order_seed(h2), order_seed(h3)};
-      const detail::Words4 sample = detail::Words4{} + reversed_sample_;
-      const detail::Words4 i = detail::reverse_bits(detail::scramble_reversed(sample, seeds));
-      const detail::Words4 j = detail::sobol2_reversed(i);
-      const detail::Words8 digits{i[0], i[1], i[2], i[3], j[0], j[1], j[2], j[3]};
-      bits = detail::reverse_bits(detail::scramble_reversed(digits, bits));
-    }
-    const auto u = [&](VertexDim d) {
-      const std::uint32_t k = std::uint32_t(d);
-      return to_unit_float(bits[k / 2 + (k & 1) * 4]);
-    };
-    const auto u2 = [&](VertexDim d) { return Vec2f{u(d), u(VertexDim(std::uint32_t(d) + 1))}; };
-    return {u2(VertexDim::kDirection),  u2(VertexDim::kLightPoint), u(VertexDim::kLobe),
-            u(VertexDim::kLightChoice), u(VertexDim::kRoulette),    u(VertexDim::kOpacity)};
+    const Block u = block(b + 1);
+    using D = VertexDim;
+    return {{u(D::kDirection), u(D::kDirection, 1)},
+            {u(D::kLightPoint), u(D::kLightPoint, 1)},
+            u(D::kLobe),
+            u(D::kLightChoice),
+            u(D::kRoulette),
+            u(D::kOpacity)};
   }
 
  private:
+  /// Coordinates 8 i to 8 i + 7. Lanes 0 to 3: first dimensions of the four pairs; 4 to 7: second.
+  struct Block {
+    detail::Words8 bits;
+    template <class Dim>
+    float operator()(Dim d, std::uint32_t offset = 0) const {
+      const std::uint32_t k = std::uint32_t(d) + offset;
+      return to_unit_float(bits[k / 2 + (k & 1) * 4]);
+    }
+  };
+  Block block(std::uint32_t i) const {
+    static_assert(kDimsPerVertex == 8);
+    const std::uint32_t pair = kDimsPerVertex / 2 * i;
+    const std::uint64_t h0 = pair_hash(pair), h1 = pair_hash(pair + 1), h2 = pair_hash(pair + 2),
+                        h3 = pair_hash(pair + 3);
+    const detail::Words8 bits{std::uint32_t(h0),       std::uint32_t(h1),       std::uint32_t(h2),
+                              std::uint32_t(h3),       std::uint32_t(h0 >> 32), std::uint32_t(h1 >> 32),
+                              std::uint32_t(h2 >> 32), std::uint32_t(h3 >> 32)};
+    if (kind_ == SamplerKind::kIndependent) return {bits};
+    const detail::Words4 seeds{order_seed(h0), order_seed(h1), order_seed(h2), order_seed(h3)};
+    const detail::Words4 sample = detail::Words4{} + reversed_sample_;
+    const detail::Words4 index = detail::reverse_bits(detail::scramble_reversed(sample, seeds));
+    const detail::Words4 j = detail::sobol2_reversed(index);
+    const detail::Words8 digits{index[0], index[1], index[2], index[3], j[0], j[1], j[2], j[3]};
+    return {detail::reverse_bits(detail::scramble_reversed(digits, bits))};
+  }
   std::uint64_t pair_hash(std::uint32_t pair) const { return mix64(key_ + (pair + 1) * 0x9e3779b97f4a7c15ull); }
   /// A third seed beside the two halves of a pair's hash.
   static std::uint32_t order_seed(std::uint64_t h) { return std::uint32_t((h * 0xd6e8feb86659fd93ull) >> 32); }

@@ -45,6 +45,7 @@ struct BsdfSample {
   Event event = Event::kDiffuse;  ///< of the sampled lobe
   float eta = 1;  ///< relative index of refraction (side of wi over side of wo) crossed by this event; 1 for reflection
   float roughness = 1;  ///< alpha of the sampled lobe; 0 for delta, 1 for diffuse
+  int lobe = 0;         ///< index of the sampled lobe
   Rgb sum() const { return f_cos[0] + f_cos[1] + f_cos[2]; }
 };
 
@@ -69,6 +70,7 @@ class FixedStack {
  public:
   int size() const { return size_; }
   const T& operator[](int i) const { return std::launder(reinterpret_cast<const T*>(storage_))[i]; }
+  void clear() { size_ = 0; }
   /// Appends and returns the index. More than N is an assertion failure; without assertions the value is dropped and
   /// the last index returned.
   int push(const T& value) {
@@ -93,6 +95,14 @@ class Bsdf {
 
   Bsdf() {}  // NOLINT: with "= default", Bsdf{} would zero the uninitialised storage
 
+  /// Empties it for another point.
+  void clear() {
+    lobes_.clear();
+    frames_.clear();
+    layers_.clear();
+    total_probability_ = 0;
+    has_non_delta_ = false;
+  }
   /// Registers a shading frame for the lobes added after it; returns its index (an equal frame's, if there is one).
   /// More than kMaxFrames, kMaxLobes or kMaxLayers is an assertion failure: materials check their depth when they are
   /// built.
@@ -121,7 +131,17 @@ class Bsdf {
   /// Draws wi from the mixture of lobes. `u_lobe`, `u` in [0,1). Empty if no lobe scatters or the sample is invalid.
   std::optional<BsdfSample> sample(const Vec3f& wo, float u_lobe, const Vec2f& u) const;
 
+  /// The one direction of delta lobe i, as `sample` gives it when it chooses that lobe.
+  /// Empty if it scatters nothing. Pre: lobe i is a delta.
+  std::optional<BsdfSample> sample_delta(int i, const Vec3f& wo) const;
+
   bool empty() const { return lobes_.size() == 0; }
+  bool is_delta(int i) const;
+  /// Smallest alpha of the lobes that are not deltas; infinity without one.
+  float least_roughness() const;
+  /// Index of refraction on the other side of the surface over that on the side of `wo`, of the first lobe that is no
+  /// delta and transmits (1: it lets light pass straight on). 0 without one.
+  float rough_eta(const Vec3f& wo) const;
   /// Whether next-event estimation can contribute: some lobe is not a delta.
   bool has_non_delta() const { return has_non_delta_; }
   /// Directional-hemispherical reflectance (and transmittance) of the lobes of one event for `wo`: closed form or a

@@ -65,6 +65,7 @@ struct RoughInterfaceLobe {
     const Vec3f up = wo.z > 0 ? wo : -wo;
     const Vec3f m = sampling_distribution(wo).sample(up, u);
     const float om = dot(wo, m);
+    if (!(om * wo.z > 0)) return false;  // a facet seen from behind: only sampling of all normals finds those
     if (u_choice < fresnel.reflect_probability(om)) {
       wi = mirror(wo, m);
       return wi.z * wo.z > 0;
@@ -85,6 +86,7 @@ struct RoughInterfaceLobe {
 template <class Fresnel>
 struct RoughPassageLobe {
   static constexpr bool kDelta = false;
+  static constexpr bool kPasses = true;
   Microfacet microfacet;
   Fresnel fresnel;
   float roughness() const { return microfacet.roughness(); }

@@ -23,6 +23,11 @@ class Material {
   /// Absorption coefficient (1/m) of the inside, i.e. of the side that the geometric normal points away from.
   virtual Rgb absorption(const ShadingPoint&) const { return Rgb(0.0f); }
   virtual bool has_absorption() const { return false; }
+  /// Whether `add_lobes` or `opacity` depends on the direction of ShadingPoint::frame.s or on dpdu and dpdv, which cost
+  /// as much as the rest of a hit. When in doubt, yes.
+  virtual bool needs_tangents() const { return true; }
+  /// Whether it looks at ShadingPoint::duv_dx and duv_dy, i.e. has textures that could be filtered.
+  virtual bool needs_footprint() const { return true; }
   /// The most lobes, frames and layers that `add_lobes` can add: combining materials checks it against Bsdf's capacity.
   virtual int max_lobes() const { return 1; }
   virtual int max_frames() const { return 1; }

@@ -16,11 +16,12 @@ namespace tempera {
 
 /// What a material or texture may look at: one point of a surface at one time, seen from `wo`.
 struct ShadingPoint {
-  Vec3f p;           ///< world position
-  Vec3f ng;          ///< unit geometric normal; the front side is where it points
-  Basis frame;       ///< shading frame: n the interpolated normal (same side as ng), s along dpdu
+  Vec3f p;   ///< world position
+  Vec3f ng;  ///< unit geometric normal; the front side is where it points
+  /// Shading frame: n the interpolated normal (same side as ng), s along dpdu. Without Material::needs_tangents any s
+  /// will do, and dpdu and dpdv stay zero.
+  Basis frame;
   Vec3f dpdu, dpdv;  ///< world, per unit uv
-  Vec3f dndu, dndv;  ///< of the unit shading normal, per unit uv
   Vec2f uv, uv1;     ///< first and second texture coordinates
   Rgb color{1.0f};   ///< vertex or face color attribute, white without one
   float color_alpha = 1;

@@ -46,9 +46,10 @@ struct ChiSquareResult {
 
 /// Histogram of `count` samples over cells in (cos theta, phi) plus one for "no direction", against the density
 /// integrated over each cell (`nodes`^2 Gauss-Legendre points). Cells that expect fewer than 5 samples are pooled.
-/// `sample` takes the index of the sample.
+/// `sample` takes the index of the sample. The density may be wrong by a common factor within `factor_error` of 1.
 inline ChiSquareResult chi_square(const std::function<std::optional<Vec3f>(int)>& sample,
-                                  const std::function<float(const Vec3f&)>& density, int count, int nodes = 10) {
+                                  const std::function<float(const Vec3f&)>& density, int count, int nodes = 10,
+                                  double factor_error = 0) {
   constexpr int kCos = 24, kPhi = 40;
   std::vector<double> expected(kCos * kPhi + 1), observed(kCos * kPhi + 1);
   for (int i = 0; i < count; ++i) {
@@ -88,6 +89,11 @@ inline ChiSquareResult chi_square(const std::function<std::optional<Vec3f>(int)>
       total += sum;
       expected[std::size_t(a * kPhi + b)] = sum * count;
     }
+  if (factor_error > 0) {
+    const double factor = std::clamp((count - observed.back()) / (total * count), 1 - factor_error, 1 + factor_error);
+    for (double& e : expected) e *= factor;
+    total *= factor;
+  }
   expected.back() = std::max(1 - total, 0.0) * count;
 
   std::vector<std::size_t> order(expected.size());

@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/stages/reconstruct.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <deque>
+
+#include "catalog.h"
+#include "program.h"
+#include "tempera/core/log.h"
+#include "tempera/core/parallel.h"
+#include "tempera/core/time.h"
+#include "tempera/pipeline/stage_progress.h"
+
+namespace tempera {
+
+namespace {
+
+struct Flags {
+  std::string in, out, frames, compression = "zip", progress = "auto";
+  ReconstructOptions options;
+  int threads = 0;
+  struct ParamFlag {
+    const ParamSpec* spec;
+    CLI::Option* option;
+    std::string text;
+    bool on = false;
+  };
+  std::deque<ParamFlag> params;  // addresses stay: the parser writes into them
+};
+
+void run_reconstruct(Program& program, Flags& flags) {
+  ReconstructOptions& options = flags.options;
+  for (const Flags::ParamFlag& p : flags.params) {
+    if (p.option->count() == 0) continue;
+    options.params.set_text(p.spec->name, std::holds_alternative<bool>(p.spec->fallback) ? "true" : p.text,
+                            ShotConfig::kCommandLine());
+  }
+  if (!flags.frames.empty()) options.frames = parse_frame_set(flags.frames);
+  options.write.compression = parse_compression(flags.compression);
+  options.command = program.command_line();
+  const ProgressKind kind =
+      program.verbosity < 0 && flags.progress == "auto" ? ProgressKind::kNone : parse_progress(flags.progress);
+  with_threads(flags.threads, [&] {
+    const FrameSequence input(flags.in);
+    log_info(fmt::format("frames {}", describe_frames(options.frames.empty() ? input.frames() : options.frames)));
+    const auto progress = make_stage_progress(kind);
+    const ReconstructReport report = reconstruct(input, flags.out, options, *progress, program.stop);
+    if (!report.cuts.empty()) log_info(fmt::format("cuts before frames {}", describe_frames(report.cuts)));
+    log_info(fmt::format("{} {} reconstructed, {} found finished, in {:.1f} s", report.frames.size(),
+                         report.frames.size() == 1 ? "frame" : "frames", report.skipped.size(), report.seconds));
+  });
+}
+
+}  // namespace
+
+std::vector<CatalogItem> stage_items() {
+  return {{"reconstruct",
+           "final frames from the pictures and differences of gradient_path and temporal_gradient_path",
+           {reconstruct_params().begin(), reconstruct_params().end()}}};
+}
+
+void add_reconstruct(Program& program) {
+  auto flags = std::make_shared<Flags>();
+  CLI::App* command = program.add(
+      "reconstruct", "Make final frames of what gradient_path and temporal_gradient_path rendered.",
+      {"tempera reconstruct out/frame.####.exr -o final/frame.####.exr",
+       "tempera reconstruct out/ -o final/f.####.exr --norm l2 --window 20 --overlap 10 --resume",
+       "tempera reconstruct out/ -o final/f.####.exr --frames 1-24   (one part of many: the same bits as all at once)",
+       "tempera reconstruct still.exr -o final.exr"},
+      [&program, flags] {
+        run_reconstruct(program, *flags);
+        return 0;
+      });
+  command->add_option("in", flags->in, "pattern, folder or single file")->required()->type_name("IN");
+  command->add_option("-o,--output", flags->out, "files to write; missing folders are made")
+      ->required()
+      ->type_name("OUT");
+  command->add_option("-f,--frames", flags->frames, "frames to write [all]; those around them are read as needed")
+      ->type_name("SET");
+  for (const ParamSpec& s : reconstruct_params()) {
+    Flags::ParamFlag& p = flags->params.emplace_back(Flags::ParamFlag{&s, nullptr, {}});
+    std::string name = "--" + s.name;
+    std::replace(name.begin(), name.end(), '_', '-');
+    if (std::holds_alternative<bool>(s.fallback)) {
+      p.option = command->add_flag(name, p.on, s.help);
+    } else {
+      p.option = command->add_option(name, p.text, fmt::format("{} [{}]", s.help, to_text(s.fallback)))
+                     ->type_name(s.choices.empty() ? "N" : "NAME");
+    }
+  }
+  command->add_flag("--resume", flags->options.resume, "skip frames that are finished");
+  command->add_flag("--half", flags->options.write.half, "16-bit floats for radiance and reflectance layers");
+  command->add_option("--compression", flags->compression, "zip, zips, piz, rle, none or dwaa [zip]")
+      ->type_name("NAME");
+  command->add_option("--progress", flags->progress, "auto, tty, plain, json, openjd or none [auto]")
+      ->type_name("KIND");
+  command->add_option("--threads", flags->threads, "threads; 0: one per core [0]")
+      ->type_name("N")
+      ->check(CLI::Range(0, 4096).description(""));
+}
+
+}  // namespace tempera

@@ -1,0 +1,288 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "shift_observer.h"
+
+#include "shift_mapping.h"
+
+namespace tempera {
+
+void ShiftObserver::start(const Vertex* first, const Rgb& emitted) {
+  if (first) beta_ = absorption(*first, length(first->s.p - camera_.ray.o));
+  for (std::size_t j = 0; j < 4; ++j) {
+    OffsetPath& o = offsets_[j];
+    if (o.state == OffsetPath::kOutside) continue;
+    CameraSample camera = camera_;
+    camera.film = camera_.film + kNeighbours[j];
+    camera.ray = context_.camera.ray(camera.film, camera.lens, camera.time);
+    Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, camera.time};
+    int passed = 0;
+    float clear = 1;
+    const EdgeEnd end = follow(context_, camera_.stream, 0, ray, &camera, o.vertex, passed, clear);
+    rays_ += std::uint64_t(passed) + 1;
+    Rgb offset_emitted;
+    if (end == EdgeEnd::kEnvironment) {
+      if (!options_.hide_emitters) offset_emitted = context_.lights.environment(ray.d, ray.time, true);
+    } else if (end == EdgeEnd::kSurface) {
+      o.beta *= absorption(o.vertex, length(o.vertex.s.p - camera.ray.o));
+      if (!options_.hide_emitters) offset_emitted = o.beta * context_.lights.emitted(o.vertex.point, o.vertex.s);
+    }
+    // What the camera sees directly is a path of one edge, and every such path shifts to every other.
+    o.g += (offset_emitted - beta_ * emitted) * 0.5f;
+    if (!first || end != EdgeEnd::kSurface) {
+      o.state = OffsetPath::kDead;
+    } else {
+      o.vertex.make_bsdf();
+    }
+  }
+}
+
+void ShiftObserver::next_event(const Vertex& at, const LightSample& light, const BsdfEval& f, float visible) {
+  const float pl2 = sqr(light.pdf);
+  if (!(pl2 > 0)) return;
+  const Rgb f_sum = f.sum();
+  const Rgb le = light.radiance * (visible / light.pdf);
+  const Rgb base = beta_ * f_sum * le;
+  const auto density = [&](const Rgb& value, float pdf, float v) {  // nothing is sampled where nothing is carried
+    return v > 0 && !light.delta && !is_black(value) ? sqr(pdf) : 0.0f;
+  };
+  const float pb2 = density(f_sum, f.pdf, visible);
+  const bool base_connects = connects(at, false);
+  for (OffsetPath& o : offsets_) {
+    Rgb offset;
+    float others = 0;  // squared densities of the offset's own ways to sample the pair, over pl2
+    switch (o.state) {
+      case OffsetPath::kOutside:
+        continue;
+      case OffsetPath::kDead:
+        break;
+      case OffsetPath::kJoined:
+        offset = o.beta * f_sum * le;
+        others = sqr(o.rho) * (pl2 + pb2);
+        break;
+      case OffsetPath::kFresh: {
+        if (!samples_lights(o.vertex.bsdf)) break;
+        const BsdfEval f_offset = o.vertex.bsdf.eval(o.vertex.s.wo, light.wi);
+        const Rgb value = f_offset.sum();
+        offset = o.beta * value * le;
+        others = sqr(o.rho) * (pl2 + density(value, f_offset.pdf, visible));
+        break;
+      }
+      case OffsetPath::kFree: {
+        // Where the base path copies half vectors its BSDF samples alone are compared.
+        if (!light.delta && !(base_connects && connects(o.vertex, false))) continue;
+        if (!samples_lights(o.vertex.bsdf)) break;
+        const ShadingPoint& s = o.vertex.s;
+        const auto there = context_.lights.connect(light, s.p, camera_.time);
+        if (!there) break;
+        const BsdfEval f_offset = o.vertex.bsdf.eval(s.wo, there->wi);
+        const Rgb value = f_offset.sum();
+        ++rays_;
+        const float v = visibility(context_, s, there->wi, there->distance);
+        float jacobian = 1;
+        if (light.point) {
+          Vec3f ng;
+          const Vec3f y = context_.rays.position(*light.point, camera_.time, &ng);
+          jacobian = reconnection_jacobian(at.s.p, s.p, y, ng);
+        }
+        offset = o.beta * value * there->radiance * (jacobian * v / light.pdf);
+        others = sqr(o.rho * jacobian) * (sqr(there->pdf) + density(value, f_offset.pdf, v));
+        break;
+      }
+    }
+    o.g += (offset - base) * (pl2 / (pl2 + pb2 + others));
+  }
+}
+
+void ShiftObserver::scatter(const Extension& e, const Rgb& f, float pdf, float jacobian, float eta, OffsetPath& o) {
+  o.beta *= f * (jacobian / (e.sample.pdf * e.survival));
+  o.rho *= jacobian * pdf / e.sample.pdf;
+  o.roulette *= max_component(f) / pdf;
+  o.eta2 *= eta * eta;
+}
+
+void ShiftObserver::extend(const Extension& e) {
+  beta_ *= e.step;
+  if (e.to) beta_ *= absorption(*e.to, length(e.to->s.p - e.from.s.p));
+  const Rgb base = beta_ * e.emitted;
+  const float base_weight = 1 + sqr(e.light_pdf / e.sample.pdf);  // (pB^2 + pL^2) / pB^2
+  for (OffsetPath& o : offsets_) {
+    if (o.state == OffsetPath::kOutside) continue;
+    if (o.state == OffsetPath::kDead) {
+      o.g -= base * (1 / base_weight);
+      continue;
+    }
+    if (o.state != OffsetPath::kFree) {
+      extend_shared(e, base, base_weight, o);
+    } else if (connects(e.from, e.sample.delta) && connects(o.vertex, false) && connects_to(e.to)) {
+      reconnect(e, base, base_weight, o);
+    } else {
+      copy_half_vector(e, base, o);
+    }
+    if (o.state != OffsetPath::kDead && e.roulette) {
+      // Each of the two paths survives with its own probability.
+      const float q = std::min(o.roulette * o.eta2, kMaxContinue);
+      o.rho *= q / e.survival;
+      o.roulette /= q;
+    }
+  }
+}
+
+/// The offset path shares the vertex from which the base path goes on.
+void ShiftObserver::extend_shared(const Extension& e, const Rgb& base, float base_weight, OffsetPath& o) const {
+  const float pb = e.sample.pdf, pl = e.light_pdf;
+  const Rgb arriving = e.to ? absorption(*e.to, length(e.to->s.p - e.from.s.p)) : Rgb(1.0f);
+  const float eta = e.sample.transmitted ? e.sample.eta : 1.0f;
+  Rgb f = e.sample.sum();
+  float pdf = pb, others = 0;
+  if (o.state == OffsetPath::kJoined) {
+    others = sqr(o.rho) * base_weight;
+  } else {
+    const BsdfEval f_offset = e.sample.delta ? BsdfEval{} : o.vertex.bsdf.eval(o.vertex.s.wo, e.sample.wi);
+    f = f_offset.sum();
+    pdf = is_black(f) ? 0.0f : f_offset.pdf;
+    others = sqr(o.rho) * (sqr(pdf) + (samples_lights(o.vertex.bsdf) ? sqr(pl) : 0.0f)) / sqr(pb);
+  }
+  if (!(pdf > 0)) {
+    o.g -= base * (1 / (base_weight + others));
+    o.state = OffsetPath::kDead;
+    return;
+  }
+  scatter(e, f, pdf, 1, eta, o);
+  o.beta *= arriving;
+  o.g += (o.beta * e.emitted - base) * (1 / (base_weight + others));
+  o.state = OffsetPath::kJoined;
+}
+
+/// The offset path goes to the base path's next vertex.
+void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_weight, OffsetPath& o) {
+  const ShadingPoint& s = o.vertex.s;
+  Vec3f wi = e.sample.wi;
+  float distance = kInfinity, jacobian = 1, light_pdf = 0;
+  Rgb emitted = e.emitted, arriving(1.0f);
+  const bool lights = samples_lights(o.vertex.bsdf) && e.light_pdf > 0;
+  Vertex end;
+  if (e.to) {
+    const Vec3f d = e.to->s.p - s.p;
+    distance = length(d);
+    if (!(distance > 0)) {
+      o.g -= base * (1 / base_weight);
+      o.state = OffsetPath::kDead;
+      return;
+    }
+    wi = d * (1 / distance);
+    jacobian = reconnection_jacobian(e.from.s.p, s.p, e.to->s.p, e.to->s.ng);
+    end.point = e.to->point;
+    end.shape = e.to->shape;
+    end.s = e.to->s;
+    end.s.wo = -wi;
+    arriving = absorption(end, distance);
+    emitted = e.to->shape->emission ? context_.lights.emitted(end.point, end.s) : Rgb(0.0f);
+    if (lights) light_pdf = context_.lights.pdf(end.point, end.s, s.p, distance);
+  } else if (lights) {
+    light_pdf = context_.lights.environment_pdf(wi, camera_.time, s.p);
+  }
+  const BsdfEval f = o.vertex.bsdf.eval(s.wo, wi);
+  const Rgb value = f.sum();
+  float visible = 0;
+  if (!is_black(value) && jacobian > 0) {
+    ++rays_;
+    visible = visibility(context_, s, wi, distance);
+  }
+  const float pdf = visible > 0 ? f.pdf : 0.0f;
+  // An emitter that is occluded from the offset path is still what its next-event estimation would try.
+  const float others = sqr(o.rho * jacobian / e.sample.pdf) * (sqr(pdf) + sqr(light_pdf));
+  if (!(pdf > 0)) {
+    o.g -= base * (1 / (base_weight + others));
+    o.state = OffsetPath::kDead;
+    return;
+  }
+  const float eta = dot(wi, s.frame.n) * dot(s.wo, s.frame.n) < 0 ? std::max(o.vertex.bsdf.rough_eta(s.wo), 1e-6f) : 1;
+  scatter(e, value, pdf, jacobian, eta, o);
+  o.beta *= arriving * (visible / e.clear);
+  o.g += (o.beta * emitted - base) * (1 / (base_weight + others));
+  if (!e.to) {
+    o.state = OffsetPath::kDead;
+    return;
+  }
+  o.vertex.point = end.point;
+  o.vertex.shape = end.shape;
+  o.vertex.s = end.s;
+  o.vertex.make_bsdf();
+  o.state = OffsetPath::kFresh;
+}
+
+/// The offset path scatters about the same local half vector and finds its own next vertex.
+void ShiftObserver::copy_half_vector(const Extension& e, const Rgb& base, OffsetPath& o) {
+  const auto fail = [&] {
+    o.g -= base;
+    o.state = OffsetPath::kDead;
+  };
+  const ShadingPoint& s = o.vertex.s;
+  const Bsdf& bsdf = o.vertex.bsdf;
+  const BsdfSample& sample = e.sample;
+  Vec3f wi;
+  Rgb f;
+  float pdf = 0, jacobian = 1, eta = 1;
+  if (sample.delta) {
+    // The same lobe of the same kind; the lobes of different materials have no common numbering.
+    const int i = sample.lobe;
+    if (i >= bsdf.size() || bsdf.lobe(i).index() != e.from.bsdf.lobe(i).index()) return fail();
+    const auto there = bsdf.sample_delta(i, s.wo);
+    if (!there || there->transmitted != sample.transmitted) return fail();
+    wi = there->wi;
+    f = there->sum();
+    pdf = there->pdf;
+    eta = there->transmitted ? there->eta : 1;
+  } else {
+    const ShadingPoint& x = e.from.s;
+    const Vec3f wo = x.frame.to_local(x.wo), wi_base = x.frame.to_local(sample.wi);
+    const Vec3f wo_offset = s.frame.to_local(s.wo);
+    if (wo.z * wo_offset.z <= 0) return fail();
+    std::optional<ShiftedDirection> shifted;
+    if (wo.z * wi_base.z > 0) {
+      shifted = shift_reflection(wo, wi_base, wo_offset);
+    } else {
+      const float eta_base = e.from.bsdf.rough_eta(x.wo);
+      eta = bsdf.rough_eta(s.wo);
+      if (eta_base == 0 || eta == 0 || (eta_base == 1) != (eta == 1)) return fail();
+      shifted =
+          eta == 1 ? shift_passage(wo, wi_base, wo_offset) : shift_refraction(wo, wi_base, eta_base, wo_offset, eta);
+    }
+    if (!shifted) return fail();
+    wi = s.frame.to_world(shifted->wi);
+    jacobian = shifted->jacobian;
+    const BsdfEval there = bsdf.eval(s.wo, wi);
+    f = there.sum();
+    pdf = there.pdf;
+  }
+  if (!(pdf > 0) || is_black(f) || !(jacobian > 0) || !std::isfinite(jacobian)) return fail();
+
+  const bool could_connect = connects(e.from, sample.delta) && connects(o.vertex, sample.delta);
+  const Vec3f from = s.p;
+  Ray ray{context_.rays.offset_origin(s.p, s.ng, wi), wi, 0, kInfinity, camera_.time};
+  Vertex next;
+  int passed = 0;
+  float clear = 1;
+  const EdgeEnd end = follow(context_, camera_.stream, e.index, ray, nullptr, next, passed, clear);
+  rays_ += std::uint64_t(passed) + 1;
+  if (end == EdgeEnd::kLost || (end == EdgeEnd::kEnvironment) != !e.to) return fail();
+  if (end == EdgeEnd::kSurface) next.make_bsdf();
+  // The way back would reconnect instead.
+  if (could_connect && connects_to(end == EdgeEnd::kSurface ? &next : nullptr)) return fail();
+
+  scatter(e, f, pdf, jacobian, eta, o);
+  Rgb emitted;
+  if (end == EdgeEnd::kSurface) {
+    o.beta *= absorption(next, length(next.s.p - from));
+    if (next.shape->emission) emitted = context_.lights.emitted(next.point, next.s);
+  } else {
+    emitted = context_.lights.environment(wi, camera_.time);
+  }
+  o.g += (o.beta * emitted - base) * (1 / (1 + sqr(o.rho)));
+  if (end == EdgeEnd::kSurface) {
+    o.vertex = next;
+  } else {
+    o.state = OffsetPath::kDead;
+  }
+}
+
+}  // namespace tempera

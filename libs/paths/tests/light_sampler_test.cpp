@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/paths/light_sampler.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "support/chi_square.h"
+#include "support/effort.h"
+#include "tempera/core/random.h"
+
+namespace tempera {
+namespace {
+
+using test::effort;
+
+float number(std::uint64_t i, std::uint64_t j) { return to_unit_float(std::uint32_t(hash_key(i, j) >> 32)); }
+Vec3f direction(double u, double v) {
+  const double z = 2 * u - 1, r = std::sqrt(1 - z * z), phi = 2 * kPiD * v;
+  return Vec3f(Vec3d{r * std::cos(phi), r * std::sin(phi), z});
+}
+
+/// A scene of lights, its rays at time 0 to 1, and the sampler.
+struct Lights {
+  Scene scene;
+  GeometryCache cache;
+  std::unique_ptr<RayScene> rays;
+  std::unique_ptr<LightSampler> sampler;
+
+  void add(Geometry g, float radiance, bool two_sided = false) {
+    scene.groups.push_back({int(scene.shapes.size())});
+    scene.instances.push_back({.group = int(scene.shapes.size())});
+    scene.shapes.push_back({std::move(g), make_black(), AreaEmission{Slot(radiance), two_sided}, "", ""});
+  }
+  void build() {
+    scene.cameras.emplace_back();
+    validate(scene);
+    const TimeSpan second{0, 1};
+    rays = std::make_unique<RayScene>(scene, second, second, RaySceneOptions{.motion_step = 0.25}, cache);
+    sampler = std::make_unique<LightSampler>(scene, *rays);
+  }
+  std::optional<LightSample> sample(const Vec3f& p, double t, std::uint64_t i) const {
+    return sampler->sample(p, t, number(i, 1), {number(i, 2), number(i, 3)});
+  }
+  /// Radiance that arrives at p from direction d, and the density with which sample() picks d.
+  std::pair<float, float> look(const Vec3f& p, const Vec3f& d, double t) const {
+    float radiance = 0, pdf = 0;
+    const auto hit = rays->intersect({.o = p, .d = d, .time = t});
+    if (hit) {
+      const ShadingPoint s = rays->shading_point(hit->point, t, -d);
+      radiance = sampler->emitted(hit->point, s).r;
+      pdf = sampler->pdf(hit->point, s, p, hit->t);
+    } else if (sampler->has_environment()) {
+      radiance = sampler->environment(d, t).r;
+    }
+    if (sampler->has_environment()) pdf += sampler->environment_pdf(d, t, p);
+    return {radiance, pdf};
+  }
+};
+
+Affine3f placed(const Vec3f& s, const Vec3f& at) {
+  const Affine3d m = translate(Vec3d(at)) * Affine3d(look_at(Vec3f{0, 0, 0}, Vec3f{0.3f, -0.2f, -1}, Vec3f{0, 1, 0})) *
+                     scale(Vec3d(s));
+  return Affine3f(m);
+}
+
+struct Case {
+  std::string name;
+  std::function<void(Lights&)> build;
+  bool grazing = false;  ///< sampled by area where it curves away: densities have no bound at its outline
+};
+std::ostream& operator<<(std::ostream& out, const Case& c) { return out << c.name; }
+
+Geometry mesh(Mesh m, const Affine3f& at) {
+  transform(m, Affine3d(at));
+  return m;
+}
+
+class AreaLights : public testing::TestWithParam<Case> {};
+
+// Seen from one point: what samples estimate is the integral over directions, found here by looking in all of them; the
+// density of a direction is the one that its sample came with; and over all directions it holds every sample that
+// shines.
+TEST_P(AreaLights, SamplesEstimateTheIntegralOverDirections) {
+  Lights l;
+  GetParam().build(l);
+  l.build();
+  const double t = 0.3;
+  for (const Vec3f p : {Vec3f{0, 0, 0}, Vec3f{0.9f, 0.4f, 1.2f}}) {
+    const auto weight = [](const Vec3f& d) { return 1.5 + double(d.x) + 0.3 * double(d.y); };
+    double integral = 0, density = 0;
+    const int n = 700;
+    for (int j = 0; j < n; ++j) {
+      for (int i = 0; i < 2 * n; ++i) {
+        const std::uint64_t k = std::uint64_t(j) * 2 * n + std::uint64_t(i);
+        const Vec3f d = direction((j + double(number(k, 7))) / n, (i + double(number(k, 8))) / (2 * n));
+        const auto [radiance, pdf] = l.look(p, d, t);
+        if (radiance > 0) integral += double(radiance) * weight(d), density += double(pdf);
+      }
+    }
+    integral *= 4 * kPiD / (2.0 * n * n), density *= 4 * kPiD / (2.0 * n * n);
+
+    std::vector<double> estimates, shining;
+    int compared = 0;
+    for (std::uint64_t i = 0; i < 40000u * std::uint64_t(effort()); ++i) {
+      const auto s = l.sample(p, t, i);
+      std::optional<Hit> hit;
+      if (s && s->radiance.r > 0) hit = l.rays->intersect({.o = p, .d = s->wi, .time = t});
+      const bool shines = hit && std::abs(hit->t - s->distance) < 1e-3f * s->distance;
+      estimates.push_back(shines ? double(s->radiance.r / s->pdf) * weight(s->wi) : 0);
+      shining.push_back(shines);
+      if (!shines || compared >= 2000) continue;
+      EXPECT_NEAR(length(s->wi), 1, 1e-5f);
+      const ShadingPoint seen = l.rays->shading_point(hit->point, t, -s->wi);
+      if (std::abs(dot(seen.ng, s->wi)) < 0.05f) continue;  // densities at grazing angles magnify rounding
+      EXPECT_NEAR(l.sampler->pdf(hit->point, seen, p, hit->t), s->pdf, 2e-3f * s->pdf);
+      EXPECT_NEAR(l.sampler->emitted(hit->point, seen).r, s->radiance.r, 1e-4f);
+      ++compared;
+    }
+    EXPECT_GT(compared, 1000);
+    // The look in all directions has an error of its own, at the edges.
+    const auto close_to = [&](double expected, const std::vector<double>& values) {
+      double mean = 0, squares = 0;
+      for (const double v : values) mean += v / double(values.size()), squares += v * v / double(values.size());
+      const double error = std::sqrt(std::max(squares - mean * mean, 0.0) / double(values.size()));
+      EXPECT_NEAR(mean, expected, 4 * error + 2e-3 * expected);
+    };
+    close_to(integral, estimates);
+    if (!GetParam().grazing) close_to(density, shining);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Shapes, AreaLights,
+    testing::Values(Case{"rectangle",
+                         [](Lights& l) {
+                           l.add(mesh(make_rectangle(), placed({0.7f, 0.4f, 1}, {0.5f, 0.3f, 2})), 3);
+                         }},
+                    Case{"cube",
+                         [](Lights& l) {
+                           l.add(mesh(make_cube(), placed({0.5f, 0.3f, 0.4f}, {-0.5f, 1, 3})), 2);
+                         }},
+                    Case{"sphere",
+                         [](Lights& l) {
+                           l.add(Sphere{placed({0.6f, 0.6f, 0.6f}, {0.2f, -0.5f, 2.5f})}, 2);
+                         }},
+                    Case{"ellipsoid",
+                         [](Lights& l) {
+                           l.add(Sphere{placed({0.9f, 0.2f, 0.4f}, {0.2f, -0.5f, 2.5f})}, 2);
+                         },
+                         true},
+                    Case{"disk",
+                         [](Lights& l) {
+                           l.add(Disk{placed({0.5f, 0.5f, 1}, {0.4f, 0.2f, 2})}, 5);
+                         }},
+                    Case{"ellipse",
+                         [](Lights& l) {
+                           l.add(Disk{placed({1, 0.3f, 1}, {0.4f, 0.2f, 2})}, 5, true);
+                         }},
+                    Case{"cylinder",
+                         [](Lights& l) {
+                           l.add(Cylinder{placed({0.3f, 0.3f, 1}, {0.4f, 0.2f, 2.5f})}, 5);
+                         },
+                         true},
+                    Case{"several",
+                         [](Lights& l) {
+                           l.add(mesh(make_rectangle(), placed({0.7f, 0.4f, 1}, {1.5f, 0.3f, 2})), 3);
+                           l.add(Sphere{placed({0.3f, 0.3f, 0.3f}, {-1, 0.5f, 2.5f})}, 20);
+                           l.add(Disk{placed({0.5f, 0.5f, 1}, {0.4f, -1.2f, 2.2f})}, 5, true);
+                         }}),
+    [](const auto& of) { return of.param.name; });
+
+// An environment with a gradient and a bright spot, turned and turning: directions follow the density, at several
+// times.
+TEST(EnvironmentLights, SamplesFollowTheDensity) {
+  Lights l;
+  Environment e;
+  e.width = 96, e.height = 48;
+  for (int y = 0; y < e.height; ++y) {
+    for (int x = 0; x < e.width; ++x) {
+      const double a = std::hypot(x - 30.5, y - 17.5);
+      e.image.emplace_back(float(0.3 + 0.01 * y + 6 * std::exp(-a * a / 60)));
+    }
+  }
+  AnimatedTransform turning;
+  turning.keyed = true;
+  turning.rotation = {
+      {0, 1}, {axis_angle(Vec3d{0, 1, 0}, 0.2), axis_angle(normalize(Vec3d{1, 2, 0}), 1.1)}, Interpolation::kLinear};
+  l.scene.nodes.push_back({-1, turning, "", 1.0f});
+  e.node = 0;
+  l.scene.environments = {e};
+  l.build();
+  for (const double t : {0.0, 0.55, 1.0}) {
+    const auto result = test::chi_square(
+        [&](int i) -> std::optional<Vec3f> {
+          const auto s = l.sample({1, 2, 3}, t, std::uint64_t(i));
+          if (!s) return std::nullopt;
+          const float pdf = l.sampler->environment_pdf(s->wi, t, {1, 2, 3});
+          EXPECT_NEAR(s->pdf, pdf, 0.02f * pdf) << "at the border of two pixels either may be meant";
+          return s->wi;
+        },
+        [&](const Vec3f& d) {
+          return l.sampler->environment_pdf(d, t, {1, 2, 3});
+        },
+        60000);
+    EXPECT_GT(result.p_value, 1e-3) << "at " << t << ": " << result.report;
+    // The test can fail: another time's density is turned down.
+    const auto wrong = test::chi_square(
+        [&](int i) -> std::optional<Vec3f> {
+          return l.sample({1, 2, 3}, t, std::uint64_t(i))->wi;
+        },
+        [&](const Vec3f& d) {
+          return l.sampler->environment_pdf(d, t < 0.5 ? t + 0.1 : t - 0.1, {1, 2, 3});
+        },
+        60000);
+    EXPECT_LT(wrong.p_value, 1e-6) << "at " << t;
+  }
+}
+
+}  // namespace
+}  // namespace tempera

@@ -1,0 +1,674 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/stages/poisson.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <functional>
+
+#include "tempera/core/error.h"
+#include "tempera/core/parallel.h"
+#include "tempera/core/vec.h"
+#include "tempera/stages/cosine_transform.h"
+
+namespace tempera {
+namespace {
+
+constexpr int kBand = 8;       ///< rows a task: the frames before and after stay in the cache
+constexpr int kSumLanes = 16;  ///< partial sums of a row; row strides are multiples of it
+
+// Where the weights and data of rows come from. `at(i)` counts from the pixel for which the object was made.
+struct UniformWeight {
+  float value;
+  float at(int) const { return value; }
+};
+struct StoredWeight {
+  const BFloat16* p;
+  float at(int i) const { return std::bit_cast<float>(std::uint32_t(p[i]) << 16); }
+};
+struct NoData {
+  static constexpr float at(int) { return 0; }
+};
+struct RowData {
+  const float* p;
+  float at(int i) const { return p[i]; }
+};
+
+BFloat16 to_bfloat16(float v) {
+  const auto bits = std::bit_cast<std::uint32_t>(v);
+  return BFloat16((bits + 0x7fffu + (bits >> 16 & 1u)) >> 16);
+}
+
+/// out = A^T W^2 (A x - b) of the primal and spatial rows for one row of pixels and one channel.
+/// `up`, `down`: rows of x above and below; at the picture's border `mid` itself, where wy_up or wy is 0.
+template <class W, class B>
+void spatial_row(int n, const float* __restrict up, const float* __restrict mid, const float* __restrict down, W wp,
+                 W wx, W wy_up, W wy, B bp, B bx, B by_up, B by, float* __restrict out) {
+  const auto right = [&](int i) { return wx.at(i) * ((mid[i + 1] - mid[i]) - bx.at(i)); };
+  const auto rest = [&](int i) {
+    return wp.at(i) * (mid[i] - bp.at(i)) + wy_up.at(i) * ((mid[i] - up[i]) - by_up.at(i)) -
+           wy.at(i) * ((down[i] - mid[i]) - by.at(i));
+  };
+  if (n == 1) {
+    out[0] = rest(0);
+    return;
+  }
+  out[0] = rest(0) - right(0);
+  for (int i = 1; i < n - 1; ++i) out[i] = rest(i) + right(i - 1) - right(i);
+  out[n - 1] = rest(n - 1) + right(n - 2);
+}
+
+/// A run in one channel: rows of x from its first pixel on, at frame t (p) and t + 1 (q), and the rows below each.
+struct RunRows {
+  const float *p, *q, *p_below, *q_below;
+  int length, mixed_x;
+  bool mixed_y;
+};
+
+/// Adds `kSign` times the part of A^T W^2 (A x - b) that the temporal and mixed rows of a run have in its own pixels:
+/// both frames get it, with opposite signs.
+template <int kSign, bool kMixedY, class W, class B>
+void run_row(const RunRows& r, W wt, W wx, W wy, B bt, B bx, B by, float* __restrict out) {
+  const float* __restrict p = r.p, * __restrict q = r.q;
+  const float* __restrict p_below = r.p_below, * __restrict q_below = r.q_below;
+  const auto change = [&](int i) { return q[i] - p[i]; };
+  const auto right = [&](int i) { return wx.at(i) * ((change(i + 1) - change(i)) - bx.at(i)); };
+  const auto rest = [&](int i) {
+    const float own = wt.at(i) * (change(i) - bt.at(i));
+    if constexpr (!kMixedY) return own;
+    return own - wy.at(i) * (((q_below[i] - p_below[i]) - change(i)) - by.at(i));
+  };
+  const auto add = [&](int i, float v) { kSign > 0 ? out[i] += v : out[i] -= v; };
+  const int n = r.length, m = r.mixed_x;
+  add(0, m > 0 ? rest(0) - right(0) : rest(0));
+  for (int i = 1; i < m; ++i) add(i, rest(i) + right(i - 1) - right(i));
+  if (m > 0) add(m, m < n ? rest(m) + right(m - 1) : right(m - 1));
+  for (int i = m + 1; i < n; ++i) add(i, rest(i));
+}
+
+/// As run_row, for the row of pixels below the run, which its mixed rows in y reach.
+template <int kSign, class W, class B>
+void run_row_below(const RunRows& r, W wy, B by, float* __restrict out) {
+  const float* __restrict p = r.p, * __restrict q = r.q;
+  const float* __restrict p_below = r.p_below, * __restrict q_below = r.q_below;
+  for (int i = 0; i < r.length; ++i) {
+    const float v = wy.at(i) * (((q_below[i] - p_below[i]) - (q[i] - p[i])) - by.at(i));
+    kSign > 0 ? out[i] += v : out[i] -= v;
+  }
+}
+
+/// Adds sum(a b) and sum(b b d), d = 1 if null. Single-precision sums of a row's lanes, double ones of rows: the order
+/// is fixed.
+void add_dots(const float* __restrict a, const float* __restrict b, const float* __restrict d, int stride, double& ab,
+              double& bbd) {
+  float s[kSumLanes] = {}, q[kSumLanes] = {};
+  const auto sum = [&](const auto& square) {
+    for (int i = 0; i < stride; i += kSumLanes) {
+      for (int l = 0; l < kSumLanes; ++l) {
+        s[l] += a[i + l] * b[i + l];
+        q[l] += square(i + l);
+      }
+    }
+  };
+  if (d) {
+    sum([=](int i) { return b[i] * b[i] * d[i]; });
+  } else {
+    sum([=](int i) { return b[i] * b[i]; });
+  }
+  for (int l = 0; l < kSumLanes; ++l) ab += double(s[l]), bbd += double(q[l]);
+}
+
+void negate(float* a, int n) {
+  for (int i = 0; i < n; ++i) a[i] = -a[i];
+}
+
+/// Sums over bands of rows that are formed in any order and added up in theirs.
+template <class T>
+class BandSums {
+ public:
+  explicit BandSums(int height) : parts_(std::size_t((height + kBand - 1) / kBand)) {}
+  int bands() const { return int(parts_.size()); }
+  T& operator[](std::int64_t band) { return parts_[std::size_t(band)]; }
+  /// Calls body(band, first row, last row + 1) for all bands in parallel.
+  void for_each(int height, const std::function<void(std::int64_t, int, int)>& body) {
+    parallel_for(0, bands(), [&](std::int64_t b) { body(b, int(b) * kBand, std::min(height, int(b + 1) * kBand)); });
+  }
+  T total() const {
+    T sum{};
+    for (const T& p : parts_) {
+      for (std::size_t i = 0; i < p.size(); ++i) sum[i] += p[i];
+    }
+    return sum;
+  }
+
+ private:
+  std::vector<T> parts_;
+};
+
+}  // namespace
+
+void PoissonFrame::set_precision(RowSet set, int y, std::span<const float> values) {
+  if (!has_precision()) precision_ = RowBlock<BFloat16>(width(), std::int64_t(kRowSets) * height_);
+  BFloat16* out = precision_.row(std::int64_t(y) * kRowSets + int(set));
+  for (std::size_t i = 0; i < values.size(); ++i) out[i] = to_bfloat16(values[i]);
+}
+
+PoissonSystem::PoissonSystem(std::span<const PoissonFrame* const> window, const PoissonWeights& weights)
+    : window_(window.begin(), window.end()), weights_(weights) {
+  TEMPERA_ASSERT(!window_.empty());
+}
+
+template <bool kStored, bool kData>
+void PoissonSystem::descend(const PlanarFrames& x, PlanarFrames& out, ChannelSums& x_out, ChannelSums& out_out) const {
+  using W = std::conditional_t<kStored, StoredWeight, UniformWeight>;
+  using B = std::conditional_t<kData, RowData, NoData>;
+  const int w = width(), h = height(), frames = this->frames();
+  const auto weight = [&](RowSet set, int t, int y, int i) -> W {
+    if constexpr (kStored) {
+      return {squared_.row((std::int64_t(t) * h + y) * kRowSets + int(set)) + i};
+    } else {
+      const float v = weights_.of(set);
+      return {v * v};
+    }
+  };
+  const auto datum = [&](RowSet set, int t, int y, int c, int i) -> B {
+    if constexpr (kData) return {window_[std::size_t(t)]->data(set, y, c) + i};
+    return {};
+  };
+  // Weights of the rows above the first and below the last row of pixels.
+  const std::vector<std::uint16_t> none(kStored ? std::size_t(w) : 0);
+  const auto no_weight = [&]() -> W {
+    if constexpr (kStored) return {none.data()};
+    return {};
+  };
+  const auto rows_of = [&](const MotionRun& r, int t, int c) -> RunRows {
+    const int yq = r.y + r.dy, xq = r.x + r.dx;
+    const float *p = x.row(t, r.y, c) + r.x, *q = x.row(t + 1, yq, c) + xq;
+    const bool below = r.mixed_y;
+    return {p,         q,    below ? x.row(t, r.y + 1, c) + r.x : p, below ? x.row(t + 1, yq + 1, c) + xq : q, r.length,
+            r.mixed_x, below};
+  };
+  // The run's own pixels, in frame t (kSign < 0) or t + 1.
+  const auto add_run = [&]<int kSign>(const MotionRun& r, int t, std::integral_constant<int, kSign>) {
+    for (int c = 0; c < 3; ++c) {
+      float* to = kSign < 0 ? out.row(t, r.y, c) + r.x : out.row(t + 1, r.y + r.dy, c) + r.x + r.dx;
+      const auto add = [&]<bool kMixedY>(std::bool_constant<kMixedY>) {
+        run_row<kSign, kMixedY>(rows_of(r, t, c), weight(RowSet::kDt, t, r.y, r.x), weight(RowSet::kDxDt, t, r.y, r.x),
+                                weight(RowSet::kDyDt, t, r.y, r.x), datum(RowSet::kDt, t, r.y, c, r.x),
+                                datum(RowSet::kDxDt, t, r.y, c, r.x), datum(RowSet::kDyDt, t, r.y, c, r.x), to);
+      };
+      r.mixed_y ? add(std::true_type()) : add(std::false_type());
+    }
+  };
+  const auto add_run_below = [&]<int kSign>(const MotionRun& r, int t, std::integral_constant<int, kSign>) {
+    if (!r.mixed_y) return;
+    for (int c = 0; c < 3; ++c) {
+      float* to = kSign < 0 ? out.row(t, r.y + 1, c) + r.x : out.row(t + 1, r.y + r.dy + 1, c) + r.x + r.dx;
+      run_row_below<kSign>(rows_of(r, t, c), weight(RowSet::kDyDt, t, r.y, r.x), datum(RowSet::kDyDt, t, r.y, c, r.x),
+                           to);
+    }
+  };
+  constexpr std::integral_constant<int, -1> kMinus;
+  constexpr std::integral_constant<int, 1> kPlus;
+
+  // Gathered row by row: each row of pixels is written once, by one thread, from what reaches it. Scattering by pairs
+  // of frames would save arithmetic and cost three passes over memory.
+  BandSums<std::array<double, 6>> sums(h);
+  sums.for_each(h, [&](std::int64_t band, int y0, int y1) {
+    std::array<double, 6> sum{};
+    for (int t = 0; t < frames; ++t) {
+      const MotionRuns *next = motion_from(t), *last = motion_from(t - 1);
+      for (int y = y0; y < y1; ++y) {
+        const bool has_up = y > 0, has_down = y + 1 < h;
+        for (int c = 0; c < 3; ++c) {
+          const float* mid = x.row(t, y, c);
+          const auto at = [&](RowSet set) { return weight(set, t, y, 0); };
+          const auto b = [&](RowSet set, int row) { return datum(set, t, row, c, 0); };
+          // Rows that do not exist have no weight, and data that are finite at least.
+          spatial_row(w, has_up ? x.row(t, y - 1, c) : mid, mid, has_down ? x.row(t, y + 1, c) : mid,
+                      at(RowSet::kPrimal), at(RowSet::kDx), has_up ? weight(RowSet::kDy, t, y - 1, 0) : no_weight(),
+                      has_down ? at(RowSet::kDy) : no_weight(), b(RowSet::kPrimal, y), b(RowSet::kDx, y),
+                      has_up ? b(RowSet::kDy, y - 1) : b(RowSet::kPrimal, y),
+                      has_down ? b(RowSet::kDy, y) : b(RowSet::kPrimal, y), out.row(t, y, c));
+        }
+        if (next) {
+          for (const MotionRun& r : next->from_row(y)) add_run(r, t, kMinus);
+          if (has_up) {
+            for (const MotionRun& r : next->from_row(y - 1)) add_run_below(r, t, kMinus);
+          }
+        }
+        if (last) {
+          for (const MotionRun& r : last->to_row(y)) add_run(r, t - 1, kPlus);
+          if (has_up) {
+            for (const MotionRun& r : last->to_row(y - 1)) add_run_below(r, t - 1, kPlus);
+          }
+        }
+        for (int c = 0; c < 3; ++c) {
+          float* o = out.row(t, y, c);
+          if constexpr (kData) negate(o, w);
+          add_dots(x.row(t, y, c), o, inverse_diagonal(t, y), out.stride(), sum[std::size_t(c)],
+                   sum[std::size_t(c) + 3]);
+        }
+      }
+    }
+    sums[band] = sum;
+  });
+  const auto total = sums.total();
+  for (std::size_t c = 0; c < 3; ++c) x_out[c] = total[c], out_out[c] = total[c + 3];
+}
+
+void PoissonSystem::apply(const PlanarFrames& p, PlanarFrames& out, ChannelSums& p_out, ChannelSums& out_out) const {
+  stored_ ? descend<true, false>(p, out, p_out, out_out) : descend<false, false>(p, out, p_out, out_out);
+}
+
+ChannelSums PoissonSystem::descent(const PlanarFrames& x, PlanarFrames& out) const {
+  ChannelSums x_out{}, out_out{};
+  stored_ ? descend<true, true>(x, out, x_out, out_out) : descend<false, true>(x, out, x_out, out_out);
+  return out_out;
+}
+
+void PoissonSystem::set_precise() {
+  const int w = width(), h = height(), frames = this->frames();
+  store_weights();
+  parallel_for(0, std::int64_t(frames) * h, [&](std::int64_t row) {
+    for (int set = 0; set < kRowSets; ++set) {
+      const StoredWeight precision{window_[std::size_t(row / h)]->precision(RowSet(set), int(row % h))};
+      const float w0 = weights_.of(RowSet(set));
+      BFloat16* out = squared_.row(row * kRowSets + set);
+      for (int i = 0; i < w; ++i) out[i] = to_bfloat16(w0 * w0 * precision.at(i));
+    }
+  });
+  invert_diagonal();
+}
+
+void PoissonSystem::store_weights() {
+  if (squared_.rows() == 0) {
+    const std::int64_t rows = std::int64_t(height()) * frames();
+    squared_ = RowBlock<BFloat16>(width(), kRowSets * rows);
+    inverse_diagonal_ = RowBlock<float>(width(), rows);
+  }
+  stored_ = true;
+}
+
+void PoissonSystem::invert_diagonal() {
+  const int w = width(), h = height(), frames = this->frames();
+  const auto weight = [&](RowSet set, int t, int y, int x) -> StoredWeight {
+    return {squared_.row((std::int64_t(t) * h + y) * kRowSets + int(set)) + x};
+  };
+  // Squared coefficients are 1: each row adds its squared weight to the pixels that it reaches.
+  const auto add_run = [&](const MotionRun& r, int t, float* __restrict out) {
+    const StoredWeight wt = weight(RowSet::kDt, t, r.y, r.x), wx = weight(RowSet::kDxDt, t, r.y, r.x);
+    for (int i = 0; i < r.length; ++i) out[i] += wt.at(i);
+    for (int i = 0; i < r.mixed_x; ++i) out[i] += wx.at(i);
+    for (int i = 0; i < r.mixed_x; ++i) out[i + 1] += wx.at(i);
+  };
+  const auto add_mixed_y = [&](const MotionRun& r, int t, float* __restrict out) {
+    if (!r.mixed_y) return;
+    const StoredWeight wy = weight(RowSet::kDyDt, t, r.y, r.x);
+    for (int i = 0; i < r.length; ++i) out[i] += wy.at(i);
+  };
+  parallel_for(
+      0, std::int64_t(frames) * h,
+      [&](std::int64_t row) {
+        const int t = int(row / h), y = int(row % h);
+        const MotionRuns *next = motion_from(t), *last = motion_from(t - 1);
+        float* const out = inverse_diagonal_.row(row);
+        const StoredWeight wp = weight(RowSet::kPrimal, t, y, 0), wx = weight(RowSet::kDx, t, y, 0);
+        for (int i = 0; i < w; ++i) out[i] = wp.at(i);
+        for (int i = 0; i + 1 < w; ++i) out[i] += wx.at(i);
+        for (int i = 1; i < w; ++i) out[i] += wx.at(i - 1);
+        for (const int above : {y - 1, y}) {
+          if (above < 0) continue;
+          if (above + 1 < h) {
+            const StoredWeight wy = weight(RowSet::kDy, t, above, 0);
+            for (int i = 0; i < w; ++i) out[i] += wy.at(i);
+          }
+          if (next) {
+            for (const MotionRun& r : next->from_row(above)) add_mixed_y(r, t, out + r.x);
+          }
+          if (last) {
+            for (const MotionRun& r : last->to_row(above)) add_mixed_y(r, t - 1, out + r.x + r.dx);
+          }
+        }
+        if (next) {
+          for (const MotionRun& r : next->from_row(y)) add_run(r, t, out + r.x);
+        }
+        if (last) {
+          for (const MotionRun& r : last->to_row(y)) add_run(r, t - 1, out + r.x + r.dx);
+        }
+        for (int i = 0; i < w; ++i) out[i] = 1 / out[i];
+      },
+      kBand);
+}
+
+double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double scale) {
+  const int w = width(), h = height(), frames = this->frames();
+  store_weights();
+  const float eps = float(epsilon);
+  BandSums<std::array<double, 1>> sums(h);
+  sums.for_each(h, [&](std::int64_t band, int y0, int y1) {
+    double total = 0;
+    // Weights of `n` rows of `set` from pixel i0 on; residual(c, i) is A x - b without a weight.
+    const auto put = [&](RowSet set, int t, int y, int i0, int n, const auto& residual) {
+      BFloat16* out = squared_.row((std::int64_t(t) * h + y) * kRowSets + int(set)) + i0;
+      const PoissonFrame& f = *window_[std::size_t(t)];
+      const StoredWeight precision{f.has_precision() ? f.precision(set, y) + i0 : nullptr};
+      const float uniform = weights_.of(set) * weights_.of(set), top = float(scale);
+      constexpr int kChunk = 256;
+      float norm[kChunk], square[kChunk];
+      for (int begin = 0; begin < n; begin += kChunk) {
+        const int m = std::min(kChunk, n - begin);
+        for (int k = 0; k < m; ++k) square[k] = uniform;
+        if (precision.p) {
+          for (int k = 0; k < m; ++k) square[k] *= precision.at(begin + k);
+        }
+        for (int k = 0; k < m; ++k) {
+          const int i = begin + k;
+          const float a = residual(0, i), b = residual(1, i), c = residual(2, i);
+          norm[k] = std::sqrt(square[k] * (a * a + b * b + c * c));
+          out[i] = to_bfloat16(top * square[k] / (norm[k] + eps));
+        }
+        float lane[kSumLanes] = {};
+        int k = 0;
+        for (; k + kSumLanes <= m; k += kSumLanes) {
+          for (int l = 0; l < kSumLanes; ++l) lane[l] += norm[k + l];
+        }
+        for (; k < m; ++k) lane[k % kSumLanes] += norm[k];
+        for (const float v : lane) total += double(v);
+      }
+    };
+    for (int t = 0; t < frames; ++t) {
+      const PoissonFrame& f = *window_[std::size_t(t)];
+      for (int y = y0; y < y1; ++y) {
+        std::array<const float*, 3> mid, down, bp, bx, by;
+        for (int c = 0; c < 3; ++c) {
+          const auto k = std::size_t(c);
+          mid[k] = x.row(t, y, c), down[k] = x.row(t, y + 1 < h ? y + 1 : y, c);
+          bp[k] = f.data(RowSet::kPrimal, y, c), bx[k] = f.data(RowSet::kDx, y, c), by[k] = f.data(RowSet::kDy, y, c);
+        }
+        put(RowSet::kPrimal, t, y, 0, w, [=](int c, int i) { return mid[c][i] - bp[c][i]; });
+        put(RowSet::kDx, t, y, 0, w - 1, [=](int c, int i) { return (mid[c][i + 1] - mid[c][i]) - bx[c][i]; });
+        if (y + 1 < h) put(RowSet::kDy, t, y, 0, w, [=](int c, int i) { return (down[c][i] - mid[c][i]) - by[c][i]; });
+        const MotionRuns* next = motion_from(t);
+        if (!next) continue;
+        for (const MotionRun& r : next->from_row(y)) {
+          std::array<const float*, 3> p, q, p_below, q_below, bt, bxt, byt;
+          for (int c = 0; c < 3; ++c) {
+            const auto k = std::size_t(c);
+            const int yq = r.y + r.dy, xq = r.x + r.dx;
+            p[k] = x.row(t, y, c) + r.x, q[k] = x.row(t + 1, yq, c) + xq;
+            p_below[k] = r.mixed_y ? x.row(t, y + 1, c) + r.x : p[k];
+            q_below[k] = r.mixed_y ? x.row(t + 1, yq + 1, c) + xq : q[k];
+            bt[k] = f.data(RowSet::kDt, y, c) + r.x;
+            bxt[k] = f.data(RowSet::kDxDt, y, c) + r.x, byt[k] = f.data(RowSet::kDyDt, y, c) + r.x;
+          }
+          put(RowSet::kDt, t, y, r.x, r.length, [=](int c, int i) { return (q[c][i] - p[c][i]) - bt[c][i]; });
+          put(RowSet::kDxDt, t, y, r.x, r.mixed_x,
+              [=](int c, int i) { return ((q[c][i + 1] - p[c][i + 1]) - (q[c][i] - p[c][i])) - bxt[c][i]; });
+          if (!r.mixed_y) continue;
+          put(RowSet::kDyDt, t, y, r.x, r.length,
+              [=](int c, int i) { return ((q_below[c][i] - p_below[c][i]) - (q[c][i] - p[c][i])) - byt[c][i]; });
+        }
+      }
+    }
+    sums[band] = {total};
+  });
+  invert_diagonal();
+  return sums.total()[0];
+}
+
+float PoissonSystem::squared_weight(RowSet set, int t, int x, int y) const {
+  if (!stored_) return weights_.of(set) * weights_.of(set);
+  return StoredWeight{squared_.row((std::int64_t(t) * height() + y) * kRowSets + int(set))}.at(x);
+}
+
+const MotionRuns* PoissonSystem::motion_from(int t) const {
+  const bool pair = linked_ && t >= 0 && t + 1 < frames();
+  return pair && window_[std::size_t(t)]->motion.count() > 0 ? &window_[std::size_t(t)]->motion : nullptr;
+}
+
+bool PoissonSystem::is_separable() const {
+  return !linked_ || std::all_of(window_.begin(), window_.end() - 1, [&](const PoissonFrame* f) {
+    return f->motion.is_identity() && (f->motion.has_all_mixed() || weights_.mixed == 0);
+  });
+}
+
+namespace {
+
+/// Transforms the rows of all planes in place.
+void transform_rows(PlanarFrames& x, const CosineTransform& transform, bool forward) {
+  const int w = x.width(), h = x.height(), blocks = (h + CosineTransform::kLanes - 1) / CosineTransform::kLanes;
+  constexpr int kLanes = CosineTransform::kLanes;
+  parallel_for(0, std::int64_t(x.frames()) * 3 * blocks, [&](std::int64_t task) {
+    const int t = int(task / (3 * blocks)), c = int(task / blocks % 3), y0 = int(task % blocks) * kLanes;
+    const int n = std::min(kLanes, h - y0);
+    RowBlock<float> lanes(w * kLanes, 1);
+    float* data = lanes.row(0);
+    CosineTransform::Scratch scratch;
+    for (int l = 0; l < n; ++l) {
+      const float* row = x.row(t, y0 + l, c);
+      for (int i = 0; i < w; ++i) data[i * kLanes + l] = row[i];
+    }
+    forward ? transform.forward(data, scratch) : transform.inverse(data, scratch);
+    for (int l = 0; l < n; ++l) {
+      float* row = x.row(t, y0 + l, c);
+      for (int i = 0; i < w; ++i) row[i] = data[i * kLanes + l];
+    }
+  });
+}
+
+/// Divides by the eigenvalues of A^T A, where the rows are already transformed. `linked`: whether rows between frames
+/// count.
+void divide_columns(PlanarFrames& x, const PoissonWeights& weights, bool linked) {
+  const int w = x.width(), h = x.height(), frames = x.frames();
+  constexpr int kLanes = CosineTransform::kLanes;
+  const CosineTransform in_y(h), in_t(frames);
+  const auto eigenvalue = [](int k, int n) { return 2 - 2 * std::cos(kPiD * k / n); };  // of differences, free ends
+  const double a2 = double(weights.alpha) * weights.alpha, s2 = double(weights.spatial) * weights.spatial;
+  linked = linked && frames > 1;
+  const double t2 = double(weights.temporal) * weights.temporal, m2 = double(weights.mixed) * weights.mixed;
+  const int blocks = (w + kLanes - 1) / kLanes;
+  parallel_for(0, 3 * std::int64_t(blocks), [&](std::int64_t task) {
+    const int c = int(task / blocks), x0 = int(task % blocks) * kLanes;
+    const int n = std::min(kLanes, w - x0);
+    RowBlock<float> columns(h * kLanes, frames), line(frames * kLanes, 1);
+    CosineTransform::Scratch scratch;
+    for (int t = 0; t < frames; ++t) {
+      for (int y = 0; y < h; ++y) std::copy_n(x.row(t, y, c) + x0, n, columns.row(t) + y * kLanes);
+      in_y.forward(columns.row(t), scratch);
+    }
+    for (int y = 0; y < h; ++y) {
+      for (int t = 0; t < frames; ++t) std::copy_n(columns.row(t) + y * kLanes, kLanes, line.row(0) + t * kLanes);
+      if (linked) in_t.forward(line.row(0), scratch);
+      for (int t = 0; t < frames; ++t) {
+        for (int l = 0; l < kLanes; ++l) {
+          const double mu = eigenvalue(x0 + l, w) + eigenvalue(y, h), theta = linked ? eigenvalue(t, frames) : 0;
+          line.row(0)[t * kLanes + l] *= float(1 / (a2 + s2 * mu + theta * (t2 + m2 * mu)));
+        }
+      }
+      if (linked) in_t.inverse(line.row(0), scratch);
+      for (int t = 0; t < frames; ++t) std::copy_n(line.row(0) + t * kLanes, kLanes, columns.row(t) + y * kLanes);
+    }
+    for (int t = 0; t < frames; ++t) {
+      in_y.inverse(columns.row(t), scratch);
+      for (int y = 0; y < h; ++y) std::copy_n(columns.row(t) + y * kLanes, n, x.row(t, y, c) + x0);
+    }
+  });
+}
+
+/// The solution of a separable system with uniform weights, from any x; r is working memory.
+void solve_separable(const PoissonSystem& system, PlanarFrames& r, PlanarFrames& x) {
+  system.descent(x, r);
+  const CosineTransform in_x(r.width());
+  transform_rows(r, in_x, true);
+  divide_columns(r, system.weights(), system.linked());
+  transform_rows(r, in_x, false);
+  parallel_for(0, r.height(), [&](std::int64_t y) {
+    for (int t = 0; t < r.frames(); ++t) {
+      for (int c = 0; c < 3; ++c) {
+        const float* from = r.row(t, int(y), c);
+        float* to = x.row(t, int(y), c);
+        for (int i = 0; i < r.width(); ++i) to[i] += from[i];
+      }
+    }
+  });
+}
+
+/// x += alpha p, r -= alpha q, p = r / D + beta p. Returns sum(r r / D).
+ChannelSums advance(const PoissonSystem& system, PlanarFrames& x, PlanarFrames& r, PlanarFrames& p,
+                    const PlanarFrames& q, const ChannelSums& alpha, const ChannelSums& beta) {
+  const int h = x.height(), n = x.stride();
+  BandSums<ChannelSums> sums(h);
+  sums.for_each(h, [&](std::int64_t band, int y0, int y1) {
+    ChannelSums sum{};
+    for (int t = 0; t < x.frames(); ++t) {
+      for (int y = y0; y < y1; ++y) {
+        const float* __restrict d = system.inverse_diagonal(t, y);
+        for (int c = 0; c < 3; ++c) {
+          const float a = float(alpha[std::size_t(c)]), b = float(beta[std::size_t(c)]);
+          float* __restrict xs = x.row(t, y, c), * __restrict rs = r.row(t, y, c), * __restrict ps = p.row(t, y, c);
+          const float* __restrict qs = q.row(t, y, c);
+          float lane[kSumLanes] = {};
+          const auto run = [&](const auto& preconditioned) {
+            for (int i = 0; i < n; i += kSumLanes) {
+              for (int l = 0; l < kSumLanes; ++l) {
+                const int k = i + l;
+                xs[k] += a * ps[k];
+                const float v = rs[k] - a * qs[k], z = preconditioned(v, k);
+                rs[k] = v;
+                ps[k] = z + b * ps[k];
+                lane[l] += v * z;
+              }
+            }
+          };
+          if (d) {
+            run([=](float v, int k) { return v * d[k]; });
+          } else {
+            run([](float v, int) { return v; });
+          }
+          for (const float v : lane) sum[std::size_t(c)] += double(v);
+        }
+      }
+    }
+    sums[band] = sum;
+  });
+  return sums.total();
+}
+
+/// Vectors of conjugate gradients, kept from round to round.
+struct Vectors {
+  PlanarFrames r, p, q;
+};
+
+/// Takes up to `steps` steps from x. Returns those taken; `residual` is what is left of |A^T W^2 (A x - b)|, in the
+/// norm of the inverse preconditioner. Source: [Hestenes 1952], one scalar a channel; beta comes from a prediction of
+/// the next residual's norm, so that one pass updates all vectors, and the norm is then computed afresh, which keeps
+/// the method stable [Chen 2020].
+int conjugate_gradients(const PoissonSystem& system, int steps, PlanarFrames& x, Vectors& v, double& residual,
+                        const std::function<void()>& before_step) {
+  ChannelSums norm = system.descent(x, v.r);
+  const ChannelSums start = norm;
+  parallel_for(0, x.height(), [&](std::int64_t y) {
+    for (int t = 0; t < x.frames(); ++t) {
+      const float* d = system.inverse_diagonal(t, int(y));
+      for (int c = 0; c < 3; ++c) {
+        const float* r = v.r.row(t, int(y), c);
+        float* p = v.p.row(t, int(y), c);
+        for (int i = 0; i < x.width(); ++i) p[i] = d ? r[i] * d[i] : r[i];
+      }
+    }
+  });
+  constexpr double kConverged = 1e-14;  // of squared norms: the limit of single precision
+  int taken = 0;
+  for (; taken < steps; ++taken) {
+    bool active = false;
+    for (std::size_t c = 0; c < 3; ++c) active = active || norm[c] > kConverged * start[c];
+    if (!active) break;
+    before_step();
+    ChannelSums pq{}, qq{}, alpha{}, beta{};
+    system.apply(v.p, v.q, pq, qq);
+    for (std::size_t c = 0; c < 3; ++c) {
+      if (!(norm[c] > kConverged * start[c]) || !(pq[c] > 0)) continue;
+      alpha[c] = norm[c] / pq[c];
+      beta[c] = std::max(0.0, alpha[c] * alpha[c] * qq[c] - norm[c]) / norm[c];
+    }
+    norm = advance(system, x, v.r, v.p, v.q, alpha, beta);
+  }
+  double now = 0, then = 0;
+  for (std::size_t c = 0; c < 3; ++c) now += norm[c], then += start[c];
+  residual = then > 0 ? std::sqrt(now / then) : 0;
+  return taken;
+}
+
+/// Mean luminance of the absolute primal data.
+double mean_luminance(std::span<const PoissonFrame* const> window) {
+  const int w = window[0]->width(), h = window[0]->height();
+  BandSums<std::array<double, 1>> sums(h);
+  sums.for_each(h, [&](std::int64_t band, int y0, int y1) {
+    double sum = 0;
+    for (const PoissonFrame* f : window) {
+      for (int y = y0; y < y1; ++y) {
+        const float *r = f->data(RowSet::kPrimal, y, 0), *g = f->data(RowSet::kPrimal, y, 1),
+                    *b = f->data(RowSet::kPrimal, y, 2);
+        for (int i = 0; i < w; ++i) sum += std::abs(0.2126f * r[i] + 0.7152f * g[i] + 0.0722f * b[i]);
+      }
+    }
+    sums[band] = {sum};
+  });
+  return sums.total()[0] / (double(w) * h * double(window.size()));
+}
+
+}  // namespace
+
+PoissonSettings PoissonSettings::published() {
+  PoissonSettings s;
+  s.direct_start = false;
+  s.l2_steps = 50;
+  s.rounds = 20, s.round_steps = 50;
+  s.epsilon = 0.05, s.epsilon_floor = 0;
+  s.relative = false;
+  return s;
+}
+
+PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const PoissonSettings& settings,
+                            PlanarFrames& x, std::stop_token stop, const PoissonProgress& progress) {
+  TEMPERA_ASSERT(!window.empty() && x.frames() == int(window.size()) && x.width() == window[0]->width() &&
+                 x.height() == window[0]->height());
+  const int w = x.width(), h = x.height(), frames = x.frames();
+  PoissonSystem system(window, settings.weights);
+  Vectors v{PlanarFrames(w, h, frames), {}, {}};
+  PoissonReport report;
+  const bool l1 = settings.norm == PoissonNorm::kL1;
+  const int rounds = l1 ? settings.rounds : 1, round_steps = l1 ? settings.round_steps : settings.l2_steps;
+  int round = 0;
+  const auto steps = [&](int n) {
+    if (v.p.frames() == 0) v.p = PlanarFrames(w, h, frames), v.q = PlanarFrames(w, h, frames);
+    int step = 0;
+    report.steps += conjugate_gradients(system, n, x, v, report.residual, [&] {
+      if (stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped");
+      if (progress) progress((round + double(step++) / n) / rounds);
+    });
+  };
+  const bool precise = window[0]->has_precision();
+  if (system.is_separable() && !precise) {
+    solve_separable(system, v.r, x);
+    report.direct = true;
+  } else {
+    if (settings.direct_start) {
+      system.set_linked(false);
+      solve_separable(system, v.r, x);
+      system.set_linked(true);
+    }
+    if (precise) system.set_precise();
+    steps(round_steps);
+  }
+  const double mean = mean_luminance(window), unit = settings.relative && mean > 0 ? mean : 1;
+  for (round = 1; round < rounds; ++round) {
+    const double epsilon = unit * std::max(settings.epsilon_floor, settings.epsilon * std::exp2(1 - round));
+    report.objective = system.reweight(x, epsilon, unit);
+    steps(round_steps);
+  }
+  return report;
+}
+
+}  // namespace tempera

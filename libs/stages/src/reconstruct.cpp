@@ -1,0 +1,624 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/stages/reconstruct.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <deque>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+
+#include "tempera/core/log.h"
+#include "tempera/core/parallel.h"
+#include "tempera/core/random.h"
+#include "tempera/core/time.h"
+#include "tempera/core/vec.h"
+#include "tempera/frames/files.h"
+
+namespace tempera {
+namespace {
+
+const std::string kSettingsKey = "tempera/reconstruct", kCommandKey = "tempera/reconstruct_command",
+                  kFingerprintKey = "tempera/reconstruct_fingerprint";
+const std::string kRenderFingerprintKey = "tempera/fingerprint", kCameraKey = "tempera/camera",
+                  kCropLeftKey = "tempera/crop_left", kCropTopKey = "tempera/crop_top";
+
+const std::vector<ParamSpec> kParams = {
+    {"norm", std::string("l1"), "l1: robust, slightly biased; l2: unbiased", -1e300, 1e300, {"l1", "l2"}},
+    {"alpha", 0.2, "weight of the noisy picture against the differences", 1e-3, 1e3},
+    {"window", 10, "frames that are solved together; 1: each frame alone", 1, 256},
+    {"overlap", -1, "frames that consecutive windows share; -1: half of the window", -1, 255},
+    {"temporal_rows",
+     std::string("all"),
+     "differences over time that are used: all, dt (not the mixed ones) or none",
+     -1e300,
+     1e300,
+     {"all", "dt", "none"}},
+    {"strict_mixed", false, "use mixed differences only where the neighbouring pixel moves along"},
+    {"schedule",
+     std::string("fast"),
+     "how l1 reweights: fast (6 rounds of 15 steps) or published (20 of 50)",
+     -1e300,
+     1e300,
+     {"fast", "published"}},
+    {"rounds", 0, "rounds of l1; 0: as the schedule says", 0, 1000},
+    {"iterations", 0, "steps of each round of l1, or of l2; 0: as the schedule says", 0, 100000},
+};
+
+std::string layer_file(const std::string& path, const std::string& layer) {
+  return fmt::format("{}: layer \"{}\"", path, layer);
+}
+
+[[noreturn]] void bad_layer(const std::string& path, const std::string& layer, const std::string& what) {
+  throw Error(ErrorCode::kBadInput, layer_file(path, layer) + " " + what);
+}
+
+/// Parameters in the form in which the driver needs them.
+struct Settings {
+  explicit Settings(const Params& p) {
+    poisson = p.get_string("schedule") == "published" ? PoissonSettings::published() : PoissonSettings{};
+    poisson.norm = p.get_string("norm") == "l1" ? PoissonNorm::kL1 : PoissonNorm::kL2;
+    poisson.weights.alpha = float(p.get_double("alpha"));
+    if (const int n = p.get_int("rounds"); n > 0) poisson.rounds = n;
+    if (const int n = p.get_int("iterations"); n > 0) poisson.l2_steps = poisson.round_steps = n;
+    const std::string& rows = p.get_string("temporal_rows");
+    runs.mixed = rows == "all";
+    runs.strict_mixed = p.get_bool("strict_mixed");
+    if (!runs.mixed) poisson.weights.mixed = 0;
+    window = p.get_int("window");
+    overlap = p.get_int("overlap");
+    if (overlap < 0) overlap = window / 2;
+    if (overlap >= window) {
+      throw Error(
+          ErrorCode::kOutOfRange,
+          fmt::format("an overlap of {} frames needs windows of more than {}, not of {}", overlap, overlap, window));
+    }
+    if (rows == "none") window = 1, overlap = 0;
+  }
+  PoissonSettings poisson;
+  MotionRunOptions runs;
+  int window = 10, overlap = 5;
+};
+
+int floor_div(int a, int b) { return a >= 0 ? a / b : -((-a + b - 1) / b); }
+
+/// Whether the part `piece` of window k is solved, or left to a neighbouring window that contains it.
+/// `goes_on`: the segment has frames after the piece.
+bool keeps_piece(const FrameRange& piece, bool goes_on, int begin, int length, int step) {
+  const bool in_previous = piece.last <= begin + length - 1 - step;
+  const bool in_next = piece.first >= begin + step && goes_on;  // else the next one is equal and leaves it to this one
+  return !in_previous && !in_next;
+}
+
+/// The layers of one pass of a file.
+struct Pass {
+  Image color, grad_x, grad_y;
+};
+
+/// What a file holds for the reconstruction.
+struct Input {
+  std::string path;
+  int frame = 0;
+  Pass base, offset;  ///< offset: empty images without an offset pass
+  Image source;
+  std::vector<std::uint8_t> sampled;  ///< pixels of the offset pass that have samples
+  int crop_left = 0, crop_top = 0;    ///< of the file in the full picture
+  bool cropped = false;
+  std::string camera;
+};
+
+template <class T>
+std::optional<T> metadata_value(const Metadata& m, const std::string& key) {
+  const auto it = m.find(key);
+  const T* v = it == m.end() ? nullptr : std::get_if<T>(&it->second);
+  return v ? std::optional<T>(*v) : std::nullopt;
+}
+
+/// Refuses values that are not finite among those that the reconstruction uses: one would spoil a whole window.
+/// `used(x, y)`: whether the value counts.
+template <class F>
+void check_finite(const std::string& path, const std::string& layer, const Image& image, int width, int height,
+                  F&& used) {
+  std::vector<int> bad(std::size_t(height), -1);
+  parallel_for(
+      0, height,
+      [&](std::int64_t y) {
+        for (int x = 0; x < width; ++x) {
+          if (!is_finite(image.rgb(x, int(y))) && used(x, int(y))) {
+            bad[std::size_t(y)] = x;
+            return;
+          }
+        }
+      },
+      16);
+  for (int y = 0; y < height; ++y) {
+    if (bad[std::size_t(y)] < 0) continue;
+    bad_layer(path, layer, fmt::format("has a value that is not finite at pixel {},{}", bad[std::size_t(y)], y));
+  }
+}
+
+/// Reads the files of a sequence and checks them.
+class Reader {
+ public:
+  Reader(const FrameSequence& sequence, int first) : sequence_(sequence) {
+    const FrameHeader header = read_header(sequence.path(first));
+    width_ = header.width, height_ = header.height;
+    first_path_ = sequence.path(first);
+    temporal_ = std::any_of(header.layers.begin(), header.layers.end(),
+                            [](const LayerDesc& d) { return d.name == layers::offset(layers::color()).name; });
+  }
+  int width() const { return width_; }
+  int height() const { return height_; }
+  /// Whether the files have an offset pass.
+  bool temporal() const { return temporal_; }
+
+  Input read(int frame) const {
+    Input in;
+    in.frame = frame;
+    in.path = sequence_.path(frame);
+    const FrameHeader header = read_header(in.path);
+    if (header.width != width_ || header.height != height_) {
+      throw Error(ErrorCode::kBadInput, fmt::format("{} has {}x{} pixels, {} has {}x{}", in.path, header.width,
+                                                    header.height, first_path_, width_, height_));
+    }
+    const auto has = [&](const std::string& name) {
+      return std::any_of(header.layers.begin(), header.layers.end(),
+                         [&](const LayerDesc& d) { return d.name == name; });
+    };
+    const std::string samples = layers::offset(layers::samples()).name;
+    std::vector<LayerDesc> wanted{layers::color(), layers::grad_x(), layers::grad_y()};
+    if (temporal_) {
+      for (const LayerDesc& d : {layers::color(), layers::grad_x(), layers::grad_y(), layers::source()})
+        wanted.push_back(layers::offset(d));
+    }
+    ReadOptions options;
+    for (const LayerDesc& d : wanted) {
+      if (!has(d.name)) {
+        throw Error(ErrorCode::kBadInput,
+                    fmt::format("{} has no layer \"{}\": reconstruction needs the frames of the integrator {}", in.path,
+                                d.name, temporal_ ? "temporal_gradient_path" : "gradient_path"));
+      }
+      options.layers.push_back(d.name);
+    }
+    if (temporal_ && has(samples)) options.layers.push_back(samples);
+    Frame file = read_frame(in.path, options);
+    const auto take = [&](const std::string& name, int channels) {
+      Image& image = file.layer(name);
+      if (image.channels() < channels)
+        bad_layer(in.path, name, fmt::format("has {} channels, not {}", image.channels(), channels));
+      return std::move(image);
+    };
+    const auto take_pass = [&](const std::string& prefix) {
+      return Pass{take(prefix + "color", 3), take(prefix + "grad.x", 3), take(prefix + "grad.y", 3)};
+    };
+    in.base = take_pass("");
+    const auto all = [](int, int) { return true; };
+    check_finite(in.path, "color", in.base.color, width_, height_, all);
+    check_finite(in.path, "grad.x", in.base.grad_x, width_ - 1, height_, all);
+    check_finite(in.path, "grad.y", in.base.grad_y, width_, height_ - 1, all);
+    in.camera = metadata_value<std::string>(file.metadata, kCameraKey).value_or("");
+    const auto left = metadata_value<int>(file.metadata, kCropLeftKey),
+               top = metadata_value<int>(file.metadata, kCropTopKey);
+    in.cropped = left || top;
+    in.crop_left = left.value_or(0), in.crop_top = top.value_or(0);
+    if (!temporal_) return in;
+
+    in.offset = take_pass("offset.");
+    in.source = take(layers::offset(layers::source()).name, 3);
+    const Image* counts = file.find(samples) ? &file.layer(samples) : nullptr;
+    in.sampled.resize(std::size_t(width_) * std::size_t(height_));
+    for (int y = 0; y < height_; ++y) {
+      for (int x = 0; x < width_; ++x) {
+        in.sampled[index(x, y)] = counts ? counts->at(x, y) > 0 : in.source.at(x, y, 2) > 0;
+      }
+    }
+    const auto here = [&](int x, int y) { return in.sampled[index(x, y)] != 0; };
+    check_finite(in.path, "offset.color", in.offset.color, width_, height_, here);
+    check_finite(in.path, "offset.grad.x", in.offset.grad_x, width_ - 1, height_,
+                 [&](int x, int y) { return here(x, y) && here(x + 1, y); });
+    check_finite(in.path, "offset.grad.y", in.offset.grad_y, width_, height_ - 1,
+                 [&](int x, int y) { return here(x, y) && here(x, y + 1); });
+    return in;
+  }
+
+  std::size_t index(int x, int y) const { return std::size_t(y) * std::size_t(width_) + std::size_t(x); }
+
+ private:
+  const FrameSequence& sequence_;
+  std::string first_path_;
+  int width_ = 0, height_ = 0;
+  bool temporal_ = false;
+};
+
+/// phi from the frame before to `in`, whose offset pass tells the inverse. [Manzi 2016, Sec. 4.2]
+PixelMap replay_map(const Input& in, int width, int height) {
+  PixelMap map(width, height);
+  const std::string layer = layers::offset(layers::source()).name;
+  for (int y = 0; y < height; ++y) {
+    for (int x = 0; x < width; ++x) {
+      const float* s = in.source.pixel(x, y);
+      if (!(s[2] > 0)) continue;
+      const float sx = s[0] - float(in.crop_left), sy = s[1] - float(in.crop_top);
+      const bool inside = sx >= 0 && sy >= 0 && sx < float(width) && sy < float(height);
+      if (!inside && in.cropped) continue;  // what it replays is not in the file of the frame before
+      if (!inside || sx != std::floor(sx) || sy != std::floor(sy)) {
+        bad_layer(in.path, layer,
+                  fmt::format("names {},{} at pixel {},{}, which is no pixel of the frame before", s[0], s[1], x, y));
+      }
+      if (!map.link(int(sx), int(sy), x, y)) {
+        const Vec2<int> other = map.forward(int(sx), int(sy));
+        bad_layer(in.path, layer,
+                  fmt::format("names {},{} at two pixels, {},{} and {},{}: it must be one-to-one", s[0], s[1], other.x,
+                              other.y, x, y));
+      }
+    }
+  }
+  return map;
+}
+
+/// Primal and spatial data of a frame: means of the two passes where both have samples. [Manzi 2016, Sec. 4.2.1]
+void combine_passes(const Input& in, PoissonFrame& out) {
+  const int w = out.width(), h = out.height();
+  const bool two = !in.sampled.empty();
+  const auto sampled = [&](int x, int y) {
+    return two && in.sampled[std::size_t(y) * std::size_t(w) + std::size_t(x)] != 0;
+  };
+  parallel_for(
+      0, h,
+      [&](std::int64_t row) {
+        const int y = int(row);
+        const auto put = [&](RowSet set, int x, const Image& base, const Image& offset, bool both) {
+          const Rgb b = base.rgb(x, y), v = both ? (b + offset.rgb(x, y)) * 0.5f : b;
+          for (int c = 0; c < 3; ++c) out.data(set, y, c)[x] = v[c];
+        };
+        for (int x = 0; x < w; ++x) {
+          const bool here = sampled(x, y);
+          put(RowSet::kPrimal, x, in.base.color, in.offset.color, here);
+          if (x + 1 < w) put(RowSet::kDx, x, in.base.grad_x, in.offset.grad_x, here && sampled(x + 1, y));
+          if (y + 1 < h) put(RowSet::kDy, x, in.base.grad_y, in.offset.grad_y, here && sampled(x, y + 1));
+        }
+      },
+      8);
+}
+
+/// Temporal and mixed data of a frame: its base pass taken from the offset pass of the next one. [Manzi 2016,
+/// Sec. 4.2.1]
+void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
+  parallel_for(
+      0, out.height(),
+      [&](std::int64_t row) {
+        const int y = int(row);
+        for (const MotionRun& r : out.motion.from_row(y)) {
+          const auto put = [&](RowSet set, int x, const Image& from, const Image& to) {
+            const Rgb d = to.rgb(x + r.dx, y + r.dy) - from.rgb(x, y);
+            for (int c = 0; c < 3; ++c) out.data(set, y, c)[x] = d[c];
+          };
+          for (int i = 0; i < r.length; ++i) {
+            put(RowSet::kDt, r.x + i, base.color, next.offset.color);
+            if (i < r.mixed_x) put(RowSet::kDxDt, r.x + i, base.grad_x, next.offset.grad_x);
+            if (r.mixed_y) put(RowSet::kDyDt, r.x + i, base.grad_y, next.offset.grad_y);
+          }
+        }
+      },
+      8);
+}
+
+/// The frames of a window and a few around it, in order without gaps.
+class FrameBuffer {
+ public:
+  FrameBuffer(const Reader& reader, const MotionRunOptions& runs) : reader_(reader), runs_(runs) {}
+
+  /// Makes frames first to last available; forgets those before `first`. Errors: those of reading.
+  void hold(int first, int last, const std::function<void()>& before_read) {
+    while (!slots_.empty() && slots_.front().frame < first) slots_.pop_front();
+    if (slots_.empty() && !(last_read_ && last_read_->frame == first - 1)) last_read_.reset();
+    for (int f = slots_.empty() ? first : slots_.back().frame + 1; f <= last; ++f) {
+      before_read();
+      read(f);
+    }
+  }
+  const PoissonFrame& frame(int f) const { return *slot(f).data; }
+  /// Whether frame f continues f - 1: some of its pixels replay pixels of that, and the camera is the same. True for
+  /// the first frame that was read, which nothing is known about.
+  bool continues(int f) const { return slot(f).continues; }
+
+ private:
+  struct Slot {
+    int frame = 0;
+    std::unique_ptr<PoissonFrame> data;
+    bool continues = true;
+  };
+  const Slot& slot(int f) const { return slots_[std::size_t(f - slots_.front().frame)]; }
+
+  void read(int f) {
+    auto in = std::make_unique<Input>(reader_.read(f));
+    const int w = reader_.width(), h = reader_.height();
+    Slot slot{f, std::make_unique<PoissonFrame>(w, h), true};
+    combine_passes(*in, *slot.data);
+    if (last_read_) {
+      slot.continues = false;
+      if (reader_.temporal() && in->camera == last_read_->camera) {
+        MotionRuns runs(replay_map(*in, w, h), runs_, in->sampled);
+        slot.continues = runs.count() > 0;
+        if (slot.continues && !slots_.empty()) {
+          slots_.back().data->motion = std::move(runs);
+          subtract_passes(last_read_->base, *in, *slots_.back().data);
+        }
+      }
+    }
+    in->offset = {}, in->source = {}, in->sampled = {};  // only the base pass meets the next frame
+    last_read_ = std::move(in);
+    slots_.push_back(std::move(slot));
+  }
+
+  const Reader& reader_;
+  MotionRunOptions runs_;
+  std::deque<Slot> slots_;
+  std::unique_ptr<Input> last_read_;
+};
+
+/// Layers of the input that the output does not hold: data of the reconstruction, and statistics of the old `color`.
+bool is_left_out(const std::string& name) {
+  return name.starts_with("offset.") || name.starts_with("grad.") || name == layers::color_a().name ||
+         name == layers::color_b().name || name == layers::color_variance().name;
+}
+
+void write_output(const std::string& from, const std::string& to, const PlanarFrames& x, const Metadata& more,
+                  const WriteOptions& options) {
+  ReadOptions read;
+  for (const LayerDesc& d : read_header(from).layers) {
+    if (!is_left_out(d.name)) read.layers.push_back(d.name);
+  }
+  Frame frame = read_frame(from, read);
+  Image& color = frame.layer(layers::color().name);
+  parallel_for(
+      0, x.height(),
+      [&](std::int64_t y) {
+        for (int i = 0; i < x.width(); ++i) {
+          for (int c = 0; c < 3; ++c) color.pixel(i, int(y))[c] = x.row(0, int(y), c)[i];
+        }
+      },
+      16);
+  frame.metadata.erase(kRenderFingerprintKey);  // the file is no longer what a render would write
+  for (const auto& [key, value] : more) frame.metadata[key] = value;
+  write_frame(to, frame, options);
+}
+
+/// Identity of the content of an input file: what its renderer said, else when it was written.
+std::string identity(const std::string& path) {
+  const Metadata m = read_metadata(path);
+  if (const auto print = metadata_value<std::string>(m, kRenderFingerprintKey)) return *print;
+  std::error_code ignored;
+  const auto time = std::filesystem::last_write_time(path, ignored).time_since_epoch().count();
+  return fmt::format("{}:{}", std::filesystem::file_size(path, ignored), time);
+}
+
+std::string hash_of(const std::string& text) {
+  std::uint64_t h = text.size();
+  for (const char c : text) h = hash_key(h, static_cast<unsigned char>(c));
+  return fmt::format("{:016x}", h);
+}
+
+bool is_finished(const std::string& path, const std::string& fingerprint) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(path, ignored)) return false;
+  try {
+    if (metadata_value<std::string>(read_metadata(path), kFingerprintKey) != fingerprint) return false;
+    read_frame(path);  // the header of a truncated file is whole; only its pixels tell
+    return true;
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+std::string list_frames(const std::vector<int>& frames) {
+  std::string out;
+  constexpr std::size_t kMost = 8;
+  for (std::size_t i = 0; i < std::min(frames.size(), kMost); ++i) out += fmt::format("{}{}", i ? ", " : "", frames[i]);
+  return out + (frames.size() > kMost ? fmt::format(" and {} more", frames.size() - kMost) : "");
+}
+
+/// Windows of a sequence by number.
+struct WindowGrid {
+  int length, step;
+  int begin(int k) const { return k * step; }
+  int end(int k) const { return k * step + length - 1; }  ///< its last frame
+  int first_with(int frame) const { return floor_div(frame - length, step) + 1; }
+  int last_with(int frame) const { return floor_div(frame, step); }
+};
+
+}  // namespace
+
+std::span<const ParamSpec> reconstruct_params() { return kParams; }
+
+std::vector<FrameRange> reconstruction_windows(const FrameRange& segment, int length, int overlap) {
+  TEMPERA_ASSERT(overlap >= 0 && overlap < length && segment.first <= segment.last);
+  const WindowGrid grid{length, length - overlap};
+  std::vector<FrameRange> out;
+  for (int k = grid.first_with(segment.first); k <= grid.last_with(segment.last); ++k) {
+    const FrameRange piece{std::max(segment.first, grid.begin(k)), std::min(segment.last, grid.end(k))};
+    if (keeps_piece(piece, piece.last < segment.last, grid.begin(k), length, grid.step)) out.push_back(piece);
+  }
+  return out;
+}
+
+double window_weight(int frame, int begin, int length) {
+  const double k = frame - begin + 1;
+  return 0.5 * (1 + std::cos(2 * kPiD * (k - 0.5 * (length + 1)) / length));
+}
+
+ReconstructReport reconstruct(const FrameSequence& input, const std::string& output, const ReconstructOptions& options,
+                              StageObserver& observer, std::stop_token stop) {
+  const auto start = std::chrono::steady_clock::now();
+  Settings settings(options.params);
+  const std::vector<int>& have = input.frames();
+  std::vector<int> wanted = options.frames.empty() ? have : options.frames;
+  std::sort(wanted.begin(), wanted.end());
+  wanted.erase(std::unique(wanted.begin(), wanted.end()), wanted.end());
+  for (const int f : wanted) {
+    if (!input.has(f)) {
+      throw Error(ErrorCode::kMissingFile,
+                  fmt::format("{} has no frame {}; it has {} to {}", input.pattern(), f, have.front(), have.back()));
+    }
+  }
+  const bool single = have.size() == 1 && !has_frame_pattern(output) && input.path(have[0]) == input.pattern();
+  const auto out_path = [&](int f) { return single ? output : frame_path(output, f); };
+  for (const int f : wanted) {
+    std::error_code ignored;
+    if (std::filesystem::equivalent(input.path(f), out_path(f), ignored)) {
+      throw Error(ErrorCode::kUsage,
+                  fmt::format("frame {} would replace its own input {}; name another output", f, input.path(f)));
+    }
+  }
+
+  const Reader reader(input, wanted.front());
+  if (!reader.temporal()) settings.window = 1, settings.overlap = 0;
+  const WindowGrid grid{settings.window, settings.window - settings.overlap};
+  const int sequence_first = have.front(), sequence_last = have.back();
+  const auto clip = [&](int k) {
+    return FrameRange{std::max(grid.begin(k), sequence_first), std::min(grid.end(k), sequence_last)};
+  };
+  if (settings.window > 1) {
+    std::set<int> missing;
+    for (const int f : wanted) {
+      for (int k = grid.first_with(f); k <= grid.last_with(f); ++k) {
+        for (int g = clip(k).first; g <= clip(k).last; ++g) {
+          if (!input.has(g)) missing.insert(g);
+        }
+      }
+    }
+    if (!missing.empty()) {
+      throw Error(ErrorCode::kBadInput,
+                  fmt::format("{} lacks frames in between: {}; without them there are no differences over time (give "
+                              "--temporal-rows none to do without)",
+                              input.pattern(), list_frames({missing.begin(), missing.end()})));
+    }
+  }
+
+  // The files that a frame depends on, and so whether it has to be done.
+  std::map<int, std::string> identities;
+  const auto fingerprint = [&](int f) {
+    std::string text = fmt::format("{}\n{}\n", TEMPERA_VERSION, options.params.canonical());
+    for (int g = clip(grid.first_with(f)).first; g <= clip(grid.last_with(f)).last; ++g) {
+      auto [it, fresh] = identities.try_emplace(g);
+      if (fresh) it->second = identity(input.path(g));
+      text += fmt::format("{} {}\n", g, it->second);
+    }
+    return hash_of(text);
+  };
+  ReconstructReport report;
+  std::map<int, std::string> targets;  // frame -> fingerprint
+  for (const int f : wanted) {
+    const std::string print = fingerprint(f);
+    if (options.resume && is_finished(out_path(f), print)) {
+      report.skipped.push_back(f);
+    } else {
+      targets[f] = print;
+    }
+  }
+  std::vector<int> windows;
+  for (const auto& [f, print] : targets) {
+    for (int k = grid.first_with(f); k <= grid.last_with(f); ++k) {
+      if (windows.empty() || windows.back() < k) windows.push_back(k);
+    }
+  }
+  {
+    std::vector<int> frames;
+    for (const auto& [f, print] : targets) frames.push_back(f);
+    observer.begin(frames, report.skipped);
+  }
+  if (!targets.empty()) {
+    const TemporaryFile probe(out_path(targets.begin()->first));  // what cannot be written is known before the work
+  }
+
+  const auto check_stop = [&] {
+    if (stop.stop_requested()) {
+      throw Error(ErrorCode::kCancelled, fmt::format("stopped; {} of {} frames are done, --resume continues",
+                                                     report.frames.size() + report.skipped.size(), wanted.size()));
+    }
+  };
+  FrameBuffer buffer(reader, settings.runs);
+  struct Blend {
+    PlanarFrames mean;
+    double weight = 0;
+  };
+  std::map<int, Blend> blends;
+  for (std::size_t n = 0; n < windows.size(); ++n) {
+    const int k = windows[n];
+    const auto progress = [&](double share) {
+      observer.progress((double(n) + share) / double(windows.size()));
+      check_stop();
+    };
+    const FrameRange range = clip(k);
+    constexpr double kReading = 0.1;  // a guess at its share of the time
+    double read = 0;
+    buffer.hold(range.first, range.last, [&] { progress(kReading * read++ / (range.last - range.first + 1)); });
+    for (int first = range.first; first <= range.last;) {
+      int last = first;
+      while (last < range.last && buffer.continues(last + 1)) ++last;
+      const FrameRange piece{first, last};
+      first = last + 1;
+      const int cut = last + 1;
+      if (cut <= range.last && (report.cuts.empty() || report.cuts.back() < cut)) report.cuts.push_back(cut);
+      const auto target = targets.lower_bound(piece.first);
+      if (target == targets.end() || target->first > piece.last) continue;
+      bool goes_on = false;
+      if (piece.first >= grid.begin(k) + grid.step && last == range.last && last < sequence_last) {
+        buffer.hold(range.first, last + 1, check_stop);
+        goes_on = buffer.continues(last + 1);
+      }
+      if (!keeps_piece(piece, goes_on, grid.begin(k), grid.length, grid.step)) continue;
+
+      std::vector<const PoissonFrame*> frames;
+      for (int f = piece.first; f <= piece.last; ++f) frames.push_back(&buffer.frame(f));
+      PlanarFrames x(reader.width(), reader.height(), int(frames.size()));
+      for (std::size_t t = 0; t < frames.size(); ++t) {
+        for (int y = 0; y < x.height(); ++y) {
+          for (int c = 0; c < 3; ++c) {
+            std::copy_n(frames[t]->data(RowSet::kPrimal, y, c), x.width(), x.row(int(t), y, c));
+          }
+        }
+      }
+      solve_poisson(frames, settings.poisson, x, {},
+                    [&](double share) { progress(kReading + (1 - kReading) * share); });
+      for (auto it = target; it != targets.end() && it->first <= piece.last; ++it) {
+        Blend& blend = blends[it->first];
+        const double weight = window_weight(it->first, grid.begin(k), grid.length);
+        blend.weight += weight;
+        if (blend.mean.frames() == 0) blend.mean = PlanarFrames(x.width(), x.height(), 1);
+        const float share = float(weight / blend.weight);  // 1 for the first window
+        for (int y = 0; y < x.height(); ++y) {
+          for (int c = 0; c < 3; ++c) {
+            const float* from = x.row(it->first - piece.first, y, c);
+            float* to = blend.mean.row(0, y, c);
+            for (int i = 0; i < x.width(); ++i) to[i] += share * (from[i] - to[i]);
+          }
+        }
+      }
+    }
+    // Frames that no later window covers are final.
+    const int open = n + 1 < windows.size() ? grid.begin(windows[n + 1]) : sequence_last + 1;
+    while (!blends.empty() && blends.begin()->first < open) {
+      const int f = blends.begin()->first;
+      const std::string path = out_path(f);
+      Metadata more{{kSettingsKey, options.params.canonical()}, {kFingerprintKey, targets.at(f)}};
+      if (!options.command.empty()) more[kCommandKey] = options.command;
+      write_output(input.path(f), path, blends.begin()->second.mean, more, options.write);
+      report.frames.push_back(f);
+      observer.frame_done(f, path);
+      blends.erase(blends.begin());
+    }
+  }
+  observer.progress(1);
+  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  observer.end(report.seconds);
+  return report;
+}
+
+}  // namespace tempera

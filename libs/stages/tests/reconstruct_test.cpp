@@ -1,0 +1,534 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/stages/reconstruct.h"
+
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <set>
+
+#include "synthetic_window.h"
+#include "tempera/core/time.h"
+#include "tempera/frames/files.h"
+
+namespace tempera {
+namespace {
+
+namespace fs = std::filesystem;
+
+TEST(ReconstructionWindows, AreThoseOfThePaperFromFrameZeroOn) {
+  EXPECT_EQ(reconstruction_windows({0, 19}, 10, 5), (std::vector<FrameRange>{{0, 9}, {5, 14}, {10, 19}}));
+  EXPECT_EQ(reconstruction_windows({0, 13}, 10, 5), (std::vector<FrameRange>{{0, 9}, {5, 13}}));
+  EXPECT_EQ(reconstruction_windows({0, 9}, 10, 5), (std::vector<FrameRange>{{0, 9}}));
+  EXPECT_EQ(reconstruction_windows({0, 3}, 10, 5), (std::vector<FrameRange>{{0, 3}}));
+  EXPECT_EQ(reconstruction_windows({1001, 1012}, 10, 5), (std::vector<FrameRange>{{1001, 1009}, {1005, 1012}}));
+  EXPECT_EQ(reconstruction_windows({-7, -7}, 10, 5), (std::vector<FrameRange>{{-7, -7}}));
+  EXPECT_EQ(reconstruction_windows({3, 5}, 1, 0), (std::vector<FrameRange>{{3, 3}, {4, 4}, {5, 5}}));
+}
+
+TEST(ReconstructionWindows, CoverAllFramesAndDoNotContainEachOther) {
+  for (const auto& [length, overlap] : {std::pair{10, 5}, {10, 0}, {10, 9}, {7, 2}, {4, 3}, {1, 0}}) {
+    for (int first = -12; first <= 12; ++first) {
+      for (int count = 1; count <= 26; ++count) {
+        const FrameRange segment{first, first + count - 1};
+        const auto windows = reconstruction_windows(segment, length, overlap);
+        std::set<int> covered;
+        for (const FrameRange& w : windows) {
+          EXPECT_LE(w.last - w.first + 1, length);
+          for (int f = w.first; f <= w.last; ++f) covered.insert(f);
+          for (const FrameRange& o : windows) {
+            EXPECT_TRUE(&w == &o || o.first < w.first || o.last > w.last || !(w.first <= o.first && o.last <= w.last));
+          }
+        }
+        EXPECT_EQ(int(covered.size()), count);
+        EXPECT_EQ(*covered.begin(), segment.first);
+        EXPECT_EQ(*covered.rbegin(), segment.last);
+      }
+    }
+  }
+}
+
+TEST(ReconstructionWindows, WeightsAreAHannWindow) {
+  double sum = 0;
+  for (int k = 0; k < 10; ++k) {
+    EXPECT_NEAR(window_weight(20 + k, 20, 10), window_weight(29 - k, 20, 10), 1e-15) << "symmetric";
+    EXPECT_GT(window_weight(20 + k, 20, 10), 0.02);
+    sum += window_weight(20 + k, 20, 10);
+    if (k < 5) {
+      EXPECT_NEAR(window_weight(20 + k, 20, 10) + window_weight(25 + k, 20, 10), 1, 1e-15);
+    }
+  }
+  EXPECT_NEAR(sum, 5, 1e-12);
+  EXPECT_EQ(window_weight(3, 3, 1), 1);
+}
+
+/// What one pass sees of a frame.
+using Picture = std::function<Rgb(int x, int y)>;
+
+struct Sequence {
+  int width = 24, height = 18;
+  std::function<Rgb(int x, int y, int frame)> truth = [](int, int, int) { return Rgb(0.25f, 0.5f, 0.125f); };
+  std::function<Rgb(int x, int y, int frame, bool offset)> noise;  ///< of colors; differences follow from them
+  Vec2<int> velocity;                                              ///< pixels a frame
+  std::set<int> cuts;                                              ///< frames that replay nothing
+  bool fill = true;                                                ///< whether pixels that replay nothing have samples
+  bool temporal = true;
+};
+
+class Reconstruct : public testing::Test {
+ protected:
+  Reconstruct() {
+    folder_ = fs::path(testing::TempDir()) / ("tempera_" + std::to_string(::getpid()) + "_" +
+                                              testing::UnitTest::GetInstance()->current_test_info()->name());
+    fs::create_directories(folder_);
+  }
+  ~Reconstruct() override { fs::remove_all(folder_); }
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+
+  static Frame make(const Sequence& s, int frame, int first) {
+    Frame f(s.width, s.height);
+    const auto fill = [&](bool offset) {
+      const auto value = [&](int x, int y) {
+        const Rgb v = s.truth(x, y, frame);
+        return s.noise ? v + s.noise(x, y, frame, offset) : v;
+      };
+      const auto layer = [&](const LayerDesc& d) -> Image& { return f.create(offset ? layers::offset(d) : d); };
+      Image &color = layer(layers::color()), &gx = layer(layers::grad_x()), &gy = layer(layers::grad_y());
+      for (int y = 0; y < s.height; ++y) {
+        for (int x = 0; x < s.width; ++x) {
+          const Rgb v = value(x, y);
+          color.set_rgb(x, y, v);
+          color.at(x, y, 3) = 0.5f;
+          gx.set_rgb(x, y, x + 1 < s.width ? value(x + 1, y) - v : Rgb(NAN));
+          gy.set_rgb(x, y, y + 1 < s.height ? value(x, y + 1) - v : Rgb(NAN));
+        }
+      }
+    };
+    fill(false);
+    f.create(layers::normal()).set_vec3(1, 2, {0, 1, 0});
+    f.create(layers::color_variance());
+    f.create(layers::color_a());
+    f.metadata["tempera/spp"] = 7;
+    f.metadata["tempera/fingerprint"] = fmt::format("{}x{} {}", s.width, s.height, frame);
+    if (!s.temporal) return f;
+    fill(true);
+    Image &source = f.create(layers::offset(layers::source())), &samples = f.create(layers::offset(layers::samples()));
+    for (int y = 0; y < s.height; ++y) {
+      for (int x = 0; x < s.width; ++x) {
+        const int sx = x - s.velocity.x, sy = y - s.velocity.y;
+        const bool valid =
+            frame != first && !s.cuts.contains(frame) && sx >= 0 && sy >= 0 && sx < s.width && sy < s.height;
+        if (valid) source.at(x, y, 0) = float(sx), source.at(x, y, 1) = float(sy), source.at(x, y, 2) = 1;
+        samples.at(x, y) = valid || s.fill ? 4 : 0;
+      }
+    }
+    return f;
+  }
+  /// Files of frames first to first + count - 1.
+  FrameSequence write(const std::string& name, const Sequence& s, int first, int count) const {
+    for (int f = first; f < first + count; ++f) write_frame(frame_path(path(name + ".####.exr"), f), make(s, f, first));
+    return FrameSequence(path(name + ".####.exr"));
+  }
+  ReconstructReport run(const FrameSequence& in, const std::string& out, const std::string& settings = "",
+                        std::vector<int> frames = {}, bool resume = false) const {
+    ReconstructOptions options;
+    std::string_view text = settings;
+    while (!text.empty()) {
+      const auto comma = text.find(','), equals = text.find('=');
+      options.params.set_text(std::string(text.substr(0, equals)),
+                              std::string(text.substr(equals + 1, comma - equals - 1)));
+      text = comma == std::string_view::npos ? std::string_view{} : text.substr(comma + 1);
+    }
+    options.frames = std::move(frames);
+    options.resume = resume;
+    StageObserver nobody;
+    return reconstruct(in, path(out + ".####.exr"), options, nobody);
+  }
+  Frame result(const std::string& name, int frame) const {
+    return read_frame(frame_path(path(name + ".####.exr"), frame));
+  }
+  /// The message of the Error that a run throws.
+  std::string error_of(const FrameSequence& in, ErrorCode code, const std::string& settings = "") const {
+    try {
+      run(in, "never", settings);
+    } catch (const Error& e) {
+      EXPECT_EQ(e.code(), code);
+      return e.what();
+    }
+    ADD_FAILURE() << "no Error was thrown";
+    return "";
+  }
+  fs::path folder_;
+};
+
+/// Noise of which the offset pass of frame f + 1 repeats most of the base pass of f at the pixel that it replays.
+std::function<Rgb(int, int, int, bool)> replayed_noise(Vec2<int> v, double sigma) {
+  return [=](int x, int y, int frame, bool offset) {
+    const int sx = offset ? x - v.x : x, sy = offset ? y - v.y : y, stream = offset ? frame - 1 : frame;
+    Rgb n;
+    for (int c = 0; c < 3; ++c) {
+      const auto address = [&](int px, int py, int s, int part) {
+        return hash_key(std::uint64_t(px + 1000), std::uint64_t(py + 1000), std::uint64_t(s + 1000), std::uint64_t(c),
+                        std::uint64_t(part));
+      };
+      n[c] = float(sigma * (test::normal(1, address(sx, sy, stream, 0)) +
+                            0.1 * test::normal(1, address(x, y, frame, offset ? 1 : 2))));
+    }
+    return n;
+  };
+}
+
+/// A pattern that moves by the velocity.
+std::function<Rgb(int, int, int)> moving_pattern(Vec2<int> v) {
+  return [=](int x, int y, int frame) {
+    const float a = 0.7f * float(x - v.x * frame), b = 0.4f * float(y - v.y * frame);
+    return Rgb(0.5f + 0.4f * std::sin(a) * std::cos(b), 0.5f + 0.3f * std::cos(a + b), 0.6f + 0.2f * std::sin(a - b));
+  };
+}
+
+double rms(const Frame& f, const std::function<Rgb(int, int)>& truth) {
+  double sum = 0;
+  const Image& c = f.layer("color");
+  for (int y = 0; y < c.height(); ++y) {
+    for (int x = 0; x < c.width(); ++x) {
+      const Rgb d = c.rgb(x, y) - truth(x, y);
+      sum += double(d.r * d.r + d.g * d.g + d.b * d.b) / 3;
+    }
+  }
+  return std::sqrt(sum / double(c.pixels()));
+}
+
+// T12: blending keeps what is constant, for every length of a sequence.
+TEST_F(Reconstruct, ConstantSequencesStayExactly) {
+  Sequence s;
+  s.width = 6, s.height = 5;
+  s.velocity = {1, 0};
+  for (const int count : {1, 9, 10, 11, 14, 240}) {
+    const std::string name = fmt::format("c{}", count);
+    const auto in = write(name, s, 1001, count);
+    const ReconstructReport r = run(in, name + "_out", "rounds=2,iterations=3");
+    EXPECT_EQ(int(r.frames.size()), count);
+    EXPECT_TRUE(r.cuts.empty());
+    for (int f = 1001; f < 1001 + count; ++f) {
+      ASSERT_EQ(rms(result(name + "_out", f), [](int, int) { return Rgb(0.25f, 0.5f, 0.125f); }), 0) << count << f;
+    }
+  }
+}
+
+TEST_F(Reconstruct, ExactDataGiveTheExactSequence) {
+  Sequence s;
+  s.velocity = {2, -1};
+  s.truth = moving_pattern(s.velocity);
+  // Noise in the pictures that the differences do not have.
+  auto in = write("in", s, 0, 12);
+  for (int f = 0; f < 12; ++f) {
+    Frame frame = read_frame(in.path(f));
+    for (const char* layer : {"color", "offset.color"}) {
+      Image& c = frame.layer(layer);
+      for (int y = 0; y < s.height; ++y) {
+        for (int x = 0; x < s.width; ++x) {
+          // The replay repeats it, so that differences over time are exact, too.
+          const int k = layer[0] == 'o' && f > 0 ? f - 1 : f;
+          const int sx = k == f ? x : x - 2, sy = k == f ? y : y + 1;
+          c.set_rgb(
+              x, y,
+              c.rgb(x, y) + Rgb(float(0.2 * test::normal(5, std::uint64_t((k * 900 + sx + 40) * 900 + sy + 40)))));
+        }
+      }
+    }
+    write_frame(in.path(f), frame);
+  }
+  const double noise = rms(result("in", 6), [&](int x, int y) { return s.truth(x, y, 6); });
+  EXPECT_GT(noise, 0.15);
+  run(in, "l2", "norm=l2,iterations=200");
+  run(in, "l1");
+  for (int f = 0; f < 12; ++f) {
+    // Only the mean of a connected stretch of frames is left of the noise.
+    EXPECT_LT(rms(result("l2", f), [&](int x, int y) { return s.truth(x, y, f); }), 0.1 * noise) << f;
+    EXPECT_LT(rms(result("l1", f), [&](int x, int y) { return s.truth(x, y, f); }), 0.1 * noise) << f;
+  }
+}
+
+TEST_F(Reconstruct, PassesAreAveragedWhereBothHaveSamples) {
+  Sequence s;
+  s.velocity = {3, 0};
+  s.noise = [](int x, int y, int, bool offset) { return Rgb(offset ? 0.5f : 0.25f) * float(x + 1) / float(y + 1); };
+  for (const bool fill : {true, false}) {
+    s.fill = fill;
+    const auto in = write(fill ? "fill" : "void", s, 0, 2);
+    // So much weight on the pictures that they are the result.
+    run(in, fill ? "fill_out" : "void_out", "norm=l2,alpha=1000,temporal_rows=none");
+    const auto expected = [&](int frame, bool both) {
+      return [&, frame, both](int x, int y) {
+        const bool two = fill || (frame == 1 && x >= 3);
+        const Rgb b = s.truth(x, y, frame) + s.noise(x, y, frame, false),
+                  o = s.truth(x, y, frame) + s.noise(x, y, frame, true);
+        return both && two ? (b + o) * 0.5f : b;
+      };
+    };
+    for (int f = 0; f < 2; ++f) {
+      EXPECT_LT(rms(result(fill ? "fill_out" : "void_out", f), expected(f, true)), 1e-4);
+      if (fill) {
+        EXPECT_GT(rms(result("fill_out", f), expected(f, false)), 0.1);
+      }
+    }
+  }
+}
+
+TEST_F(Reconstruct, ReplayedNoiseFlickersLess) {
+  Sequence s;
+  s.width = 40, s.height = 32;
+  s.velocity = {1, 1};
+  s.truth = moving_pattern(s.velocity);
+  s.noise = replayed_noise(s.velocity, 0.1);
+  const auto in = write("in", s, 0, 10);
+  run(in, "alone", "temporal_rows=none,norm=l2");
+  run(in, "together", "norm=l2");
+  const auto flicker = [&](const std::string& name) {
+    double sum = 0;
+    for (int f = 3; f < 7; ++f) {
+      const Frame a = result(name, f), b = result(name, f + 1);
+      for (int y = 2; y < s.height - 2; ++y) {
+        for (int x = 2; x < s.width - 2; ++x) {
+          const Rgb d = (b.layer("color").rgb(x + 1, y + 1) - s.truth(x + 1, y + 1, f + 1)) -
+                        (a.layer("color").rgb(x, y) - s.truth(x, y, f));
+          sum += double(d.r * d.r + d.g * d.g + d.b * d.b);
+        }
+      }
+    }
+    return sum;
+  };
+  EXPECT_LT(flicker("together"), 0.2 * flicker("alone"));
+}
+
+TEST_F(Reconstruct, ChunksGiveTheBitsOfTheWhole) {
+  Sequence s;
+  s.velocity = {1, 0};
+  s.truth = moving_pattern(s.velocity);
+  s.noise = replayed_noise(s.velocity, 0.1);
+  s.cuts = {1009};
+  const auto in = write("in", s, 1001, 24);
+  const ReconstructReport whole = run(in, "whole");
+  EXPECT_EQ(whole.frames.size(), 24u);
+  EXPECT_EQ(whole.cuts, std::vector<int>{1009});
+  // Chunks, single frames, and frames picked here and there.
+  for (const std::vector<int>& frames :
+       {std::vector<int>{1001, 1002, 1003}, {1008}, {1009}, {1010, 1011, 1012, 1013}, {1024}, {1004, 1016, 1017}}) {
+    const ReconstructReport r = run(in, "part", "", frames);
+    EXPECT_EQ(r.frames, frames);
+    for (const int f : frames) EXPECT_EQ(result("part", f).layer("color"), result("whole", f).layer("color")) << f;
+  }
+  // A machine that holds no more than the frames of the windows.
+  fs::create_directories(path("halo"));
+  for (int f = 1006; f <= 1020; ++f) fs::copy_file(in.path(f), frame_path(path("halo/in.####.exr"), f));
+  run(FrameSequence(path("halo")), "far", "", {1011, 1012, 1013, 1014});
+  for (int f = 1011; f <= 1014; ++f) EXPECT_EQ(result("far", f).layer("color"), result("whole", f).layer("color")) << f;
+  with_threads(1, [&] { run(in, "one", "", {1012}); });
+  with_threads(7, [&] { run(in, "seven", "", {1012}); });
+  EXPECT_EQ(result("one", 1012).layer("color"), result("seven", 1012).layer("color"));
+}
+
+TEST_F(Reconstruct, NothingPassesThroughACut) {
+  Sequence a, b;
+  a.velocity = b.velocity = {1, 0};
+  a.noise = b.noise = replayed_noise({1, 0}, 0.1);
+  a.truth = b.truth = moving_pattern({1, 0});
+  a.cuts = b.cuts = {6};
+  b.truth = [&](int x, int y, int f) { return f < 6 ? a.truth(x, y, f) : Rgb(7) - a.truth(x, y, f); };
+  run(write("a", a, 0, 12), "a_out");
+  run(write("b", b, 0, 12), "b_out");
+  for (int f = 0; f < 6; ++f) EXPECT_EQ(result("a_out", f).layer("color"), result("b_out", f).layer("color")) << f;
+  EXPECT_NE(result("a_out", 6).layer("color"), result("b_out", 6).layer("color"));
+
+  // The name of the camera tells, too.
+  Sequence c = a;
+  c.cuts.clear();
+  const auto in = write("c", c, 0, 12);
+  for (int f = 0; f < 12; ++f) {
+    Frame frame = read_frame(in.path(f));
+    frame.metadata["tempera/camera"] = f < 6 ? "near" : "far";
+    write_frame(in.path(f), frame);
+  }
+  EXPECT_EQ(run(in, "c_out").cuts, std::vector<int>{6});
+}
+
+TEST_F(Reconstruct, ResumeKeepsWhatIsFinishedAndRedoesTheRest) {
+  Sequence s;
+  s.velocity = {1, 0};
+  s.noise = replayed_noise(s.velocity, 0.1);
+  const auto in = write("in", s, 0, 12);
+  run(in, "whole");
+  run(in, "out");
+  const auto file = [&](int f) { return frame_path(path("out.####.exr"), f); };
+  fs::remove(file(4));
+  fs::resize_file(file(7), fs::file_size(file(7)) / 2);
+  { std::ofstream(file(9)) << "not an image"; }
+  ReconstructReport r = run(in, "out", "", {}, true);
+  EXPECT_EQ(r.frames, (std::vector<int>{4, 7, 9}));
+  EXPECT_EQ(r.skipped.size(), 9u);
+  for (int f = 0; f < 12; ++f) EXPECT_EQ(result("out", f).layer("color"), result("whole", f).layer("color")) << f;
+  EXPECT_TRUE(run(in, "out", "", {}, true).frames.empty());
+  EXPECT_EQ(run(in, "out", "alpha=0.3", {}, true).frames.size(), 12u) << "other settings";
+  // A new input makes the frames whose windows hold it old.
+  Frame changed = read_frame(in.path(11));
+  changed.metadata["tempera/fingerprint"] = "another";
+  write_frame(in.path(11), changed);
+  r = run(in, "out", "alpha=0.3", {}, true);
+  EXPECT_EQ(r.frames, (std::vector<int>{5, 6, 7, 8, 9, 10, 11}));
+}
+
+TEST_F(Reconstruct, OutputKeepsFeaturesAndAlpha) {
+  Sequence s;
+  const auto in = write("in", s, 0, 2);
+  run(in, "out");
+  const Frame f = result("out", 1);
+  EXPECT_EQ(f.layer_names(), (std::vector<std::string>{"color", "normal"}));
+  EXPECT_EQ(f.layer("color").at(3, 3, 3), 0.5f);
+  EXPECT_EQ(f.layer("normal").vec3(1, 2).y, 1);
+  EXPECT_EQ(std::get<int>(f.metadata.at("tempera/spp")), 7);
+  EXPECT_FALSE(f.metadata.contains("tempera/fingerprint")) << "a render must not take it for its own";
+  EXPECT_NE(std::get<std::string>(f.metadata.at("tempera/reconstruct")).find("alpha=0.2"), std::string::npos);
+}
+
+// A crop stores sources as pixels of the full picture; those outside of it replay nothing that is here.
+TEST_F(Reconstruct, CropsAreCutsOfTheFullPicture) {
+  Sequence s;
+  s.velocity = {1, 0};
+  s.truth = moving_pattern(s.velocity);
+  s.noise = replayed_noise(s.velocity, 0.1);
+  const auto in = write("in", s, 0, 4);
+  run(in, "out");
+  for (int f = 0; f < 4; ++f) {
+    Frame frame = read_frame(in.path(f));
+    frame.metadata["tempera/crop_left"] = 100, frame.metadata["tempera/crop_top"] = 50;
+    Image& source = frame.layer("offset.source");
+    for (int y = 0; y < s.height; ++y) {
+      for (int x = 0; x < s.width; ++x) {
+        if (f > 0 && x == 0) source.at(x, y, 0) = -1, source.at(x, y, 1) = float(y), source.at(x, y, 2) = 1;
+        source.at(x, y, 0) += 100, source.at(x, y, 1) += 50;
+      }
+    }
+    write_frame(frame_path(path("crop.####.exr"), f), frame);
+  }
+  run(FrameSequence(path("crop.####.exr")), "crop_out");
+  for (int f = 0; f < 4; ++f) EXPECT_EQ(result("out", f).layer("color"), result("crop_out", f).layer("color")) << f;
+}
+
+TEST_F(Reconstruct, SingleFramesWithoutOffsetPass) {
+  Sequence s;
+  s.temporal = false;
+  s.truth = moving_pattern({1, 0});
+  // Every other frame is enough where frames stand alone.
+  for (const int f : {1, 3}) write_frame(frame_path(path("in.####.exr"), f), make(s, f, 1));
+  run(FrameSequence(path("in.####.exr")), "out", "norm=l2");
+  for (const int f : {1, 3}) EXPECT_LT(rms(result("out", f), [&](int x, int y) { return s.truth(x, y, f); }), 1e-5);
+
+  write_frame(path("still.exr"), make(s, 0, 0));
+  ReconstructOptions options;
+  StageObserver nobody;
+  reconstruct(FrameSequence(path("still.exr")), path("still_out.exr"), options, nobody);
+  EXPECT_TRUE(fs::exists(path("still_out.exr"))) << "a single file keeps its plain name";
+}
+
+TEST_F(Reconstruct, BadInputIsNamed) {
+  Sequence s;
+  s.velocity = {1, 0};
+  const auto in = write("in", s, 0, 4);
+  const auto spoil = [&](int f, const std::function<void(Frame&)>& how) {
+    Frame frame = make(s, f, 0);
+    how(frame);
+    write_frame(in.path(f), frame);
+  };
+  const auto restore = [&](int f) { write_frame(in.path(f), make(s, f, 0)); };
+
+  spoil(2, [](Frame& f) { f.remove("offset.grad.y"); });
+  EXPECT_EQ(error_of(in, ErrorCode::kBadInput),
+            in.path(2) +
+                " has no layer \"offset.grad.y\": reconstruction needs the frames of the integrator "
+                "temporal_gradient_path");
+  spoil(2, [](Frame& f) { f.layer("grad.x").set_rgb(5, 4, Rgb(INFINITY)); });
+  EXPECT_EQ(error_of(in, ErrorCode::kBadInput),
+            in.path(2) + ": layer \"grad.x\" has a value that is not finite at pixel 5,4");
+  spoil(2, [](Frame& f) { f.layer("offset.source").at(5, 4, 0) = 99; });
+  EXPECT_EQ(error_of(in, ErrorCode::kBadInput),
+            in.path(2) + ": layer \"offset.source\" names 99,4 at pixel 5,4, which is no pixel of the frame before");
+  spoil(2, [](Frame& f) { f.layer("offset.source").at(5, 4, 0) = 5; });
+  EXPECT_EQ(error_of(in, ErrorCode::kBadInput),
+            in.path(2) + ": layer \"offset.source\" names 5,4 at two pixels, 5,4 and 6,4: it must be one-to-one");
+  restore(2);
+  Sequence wide = s;
+  wide.width = 25;
+  write_frame(in.path(3), make(wide, 3, 0));
+  EXPECT_EQ(error_of(in, ErrorCode::kBadInput), in.path(3) + " has 25x18 pixels, " + in.path(0) + " has 24x18");
+  restore(3);
+  fs::remove(in.path(1));
+  const FrameSequence gap(path("in.####.exr"));
+  EXPECT_EQ(error_of(gap, ErrorCode::kBadInput),
+            gap.pattern() +
+                " lacks frames in between: 1; without them there are no differences over time (give "
+                "--temporal-rows none to do without)");
+  EXPECT_EQ(run(gap, "apart", "temporal_rows=none").frames, (std::vector<int>{0, 2, 3}));
+  EXPECT_NE(error_of(gap, ErrorCode::kOutOfRange, "window=4,overlap=4").find("overlap of 4"), std::string::npos);
+
+  Sequence plain;
+  plain.temporal = false;
+  Frame f = make(plain, 0, 0);
+  f.remove("grad.x");
+  write_frame(path("plain.0000.exr"), f);
+  EXPECT_EQ(error_of(FrameSequence(path("plain.####.exr")), ErrorCode::kBadInput),
+            path("plain.0000.exr") +
+                " has no layer \"grad.x\": reconstruction needs the frames of the integrator "
+                "gradient_path");
+  ReconstructOptions options;
+  StageObserver nobody;
+  try {
+    reconstruct(gap, gap.pattern(), options, nobody);
+    ADD_FAILURE() << "no Error was thrown";
+  } catch (const Error& e) {
+    EXPECT_EQ(e.code(), ErrorCode::kUsage);
+  }
+  options.frames = {17};
+  try {
+    reconstruct(gap, path("never.####.exr"), options, nobody);
+    ADD_FAILURE() << "no Error was thrown";
+  } catch (const Error& e) {
+    EXPECT_EQ(e.code(), ErrorCode::kMissingFile);
+  }
+}
+
+TEST_F(Reconstruct, StopsBetweenStepsAndKeepsFinishedFrames) {
+  Sequence s;
+  s.velocity = {1, 0};
+  s.noise = replayed_noise(s.velocity, 0.1);
+  const auto in = write("in", s, 0, 20);
+  struct Stopper : StageObserver {
+    std::stop_source stop;
+    double last = 0;
+    void progress(double share) override {
+      EXPECT_GE(share, last);
+      EXPECT_LE(share, 1);
+      last = share;
+    }
+    void frame_done(int frame, const std::string&) override {
+      if (frame == 3) stop.request_stop();
+    }
+  } stopper;
+  ReconstructOptions options;
+  try {
+    reconstruct(in, path("out.####.exr"), options, stopper, stopper.stop.get_token());
+    ADD_FAILURE() << "no Error was thrown";
+  } catch (const Error& e) {
+    EXPECT_EQ(e.code(), ErrorCode::kCancelled);
+  }
+  EXPECT_TRUE(fs::exists(path("out.0003.exr")));
+  EXPECT_FALSE(fs::exists(path("out.0012.exr")));
+  run(in, "out", "", {}, true);
+  run(in, "whole");
+  for (int f = 0; f < 20; ++f) EXPECT_EQ(result("out", f).layer("color"), result("whole", f).layer("color")) << f;
+}
+
+}  // namespace
+}  // namespace tempera
