@@ -90,6 +90,7 @@ class Plot {
         const margin = 0.5 * Math.abs(high || 1);
         [low, high] = [low - margin, high + margin];
       }
+      if (low !== 0) low -= 0.04 * (high - low);
     }
     const ticks = c.log ? logTicks(low, high) : linearTicks(low, high, 5);
     if (!c.log) [low, high] = [Math.min(low, ticks[0]), Math.max(high, ticks[ticks.length - 1])];
