@@ -6,15 +6,20 @@ Each method renders the same frames with several seeds; everything is compared w
 (build/quality). The table shows each metric's mean over seeds and its ratio to the first method, with the 95 % confidence
 interval of paired logarithms over the seeds (Student's t). Results go to <build>/bench/quality-<commit>.json.
 
-A method is an integrator and settings, separated by colons: spp=N, sampler=NAME, parameters of the integrator, and for
-the gradient-domain ones those of `tempera reconstruct` (norm, alpha, window, ...), which is then part of their time.
-Methods without spp are calibrated to take --time seconds for all frames, within 5 %.
+A method is an integrator and settings, separated by colons: spp=N, sampler=NAME, parameters of the integrator, keys of
+shot.toml with their table (film.filter=tent), and for the gradient-domain ones those of `tempera reconstruct` (norm,
+alpha, window, ...), which is then part of their time. Methods without spp are calibrated to take --time seconds for all
+frames, within 5 %.
 
   ./dev bench quality --scene cornell-motion --methods path:spp=16,path:spp=64
+  ./dev bench quality --scene cornell-motion --methods path:spp=16:sampler=independent,path:spp=64:sampler=independent
   ./dev bench quality --scene running-figure --methods path,gradient_path,temporal_gradient_path --time 60
   ./dev bench quality --scene vase --methods path,path:sampler=independent --equal-error relmse=0.01
 
-The error of the default sampler (scrambled Sobol points) falls faster than 1/N, that of sampler=independent as 1/N.
+Four times the samples make a quarter of the squared error with sampler=independent. The error of the default sampler
+(scrambled Sobol points) falls faster, so the first example shows more than a factor of 4 and the second one 4.
+
+The reference has an error, too, which counts in each method's: it is printed, as estimated from its halves.
 """
 import argparse
 import json
@@ -52,6 +57,8 @@ class Method:
                 self.spp = int(value)
             elif key == "sampler":
                 self.render += ["--sampler", value]
+            elif "." in key:
+                self.render += ["--set", setting]
             elif key in STAGE_KEYS and self.name in RECONSTRUCTED:
                 self.stage += [f"--{key}"] if value == "true" else [f"--{key}", value]
             else:
@@ -87,6 +94,7 @@ class Bench:
             shot = pathlib.Path(made.stdout.split("\n")[0])
             variant = args.scene.partition(":")[2]
             self.shot = shot.with_name(f"{shot.stem}_{variant}.toml") if variant else shot
+        self.reference_error = None  # relMSE
         self.reference = self.make_reference()
 
     def make_reference(self):
@@ -113,11 +121,13 @@ class Bench:
         return seconds
 
     def measure(self, folder, metrics):
-        """{metric: mean over the frames} of the frames in `folder`."""
+        """{metric: mean over the frames} of the frames in `folder`. Also notes the reference's own error."""
         out = folder / "figures.json"
         execute([self.tempera, "-q", "compare", f"m={folder}/final/f.####.exr", "--reference", self.reference, "--metrics",
                  ",".join(metrics), "--json", out])
-        return json.loads(out.read_text())["sides"][0]["mean"]
+        figures = json.loads(out.read_text())
+        self.reference_error = (figures.get("reference_error") or {}).get("relmse")
+        return figures["sides"][0]["mean"]
 
     def calibrate(self, method, target):
         """Samples that take `target` seconds within 5 %, or as near as whole samples get."""
@@ -166,8 +176,10 @@ class Bench:
 
 
 def ratio_interval(values, base):
-    """(ratio, low, high) of paired positive values: Student's t on their logarithms. Low and high None for one pair."""
-    logs = [math.log(v / b) for v, b in zip(values, base) if v > 0 and b > 0]
+    """(ratio, low, high) of paired positive values: Student's t on their logarithms. Low and high None for one pair.
+
+    Pairs with a value that is missing, or 0, are left out."""
+    logs = [math.log(v / b) for v, b in zip(values, base) if v and b and v > 0 and b > 0]
     if not logs:
         return None, None, None
     mean = statistics.fmean(logs)
@@ -223,12 +235,18 @@ def equal_time(bench, methods, args):
         print(f"{r['method']:44} {r['spp']:6} {statistics.fmean(r['seconds']):9.2f}")
         r["ratios"] = {}
         for metric in args.metrics:
-            values = [f[metric] for f in r["figures"] if f.get(metric) is not None]
-            if not values:
+            values = [f.get(metric) for f in r["figures"]]
+            present = [v for v in values if v is not None]
+            if not present:
                 continue
-            ratio = ratio_interval(values, [f[metric] for f in first["figures"]])
+            ratio = ratio_interval(values, [f.get(metric) for f in first["figures"]])
             r["ratios"][metric] = ratio
-            print(f"    {metric:20} {statistics.fmean(values):10.4g}   {interval_text(*ratio)} of the first")
+            print(f"    {metric:20} {statistics.fmean(present):10.4g}   {interval_text(*ratio)} of the first")
+    own = bench.reference_error
+    least = min((f["relmse"] for r in results for f in r["figures"] if f.get("relmse")), default=None)
+    if own is not None and least:
+        print(f"the reference's own relMSE is {own:.2g}: {100 * own / least:.1f} % of the smallest above"
+              + ("; render it with more samples (--reference-spp)" if own > 0.05 * least else ""))
     return results
 
 
@@ -265,7 +283,8 @@ def main():
     path.parent.mkdir(parents=True, exist_ok=True)
     stored = json.loads(path.read_text()) if path.exists() else []
     stored.append({"scene": args.scene, "frames": args.frames, "resolution": args.resolution, "threads": args.threads,
-                   "reference_spp": args.reference_spp, "equal_error": args.equal_error, "results": results})
+                   "reference_spp": args.reference_spp, "reference_relmse": bench.reference_error,
+                   "equal_error": args.equal_error, "results": results})
     path.write_text(json.dumps(stored, indent=1))
     print(f"written: {path}")
 

@@ -119,21 +119,21 @@ double body(const Vec3d& p) {
 
 /// What a point of the skin wears, at bind time.
 BodyPart clothing(const Vec3d& p) {
-  const double foot = std::min(part(kFootL, p), part(kFootR, p));
-  if (foot < 0.004 && p.y < 0.105) return kShoes;
+  const Vec3d left{std::abs(p.x), p.y, p.z};  // both sides wear the same
+  if (part(kFootL, left) < 0.004 && p.y < 0.105) return kShoes;
   if (p.y > 1.55) {
     // Short hair: above a slanted line from the brow to the nape.
     return p.y - 1.70 > 0.9 * (p.z - 0.062) && p.y > 1.635 ? kHair : kSkin;
   }
-  const double arm = std::abs(p.x);
-  if (p.y > 1.04 && arm < 0.175) return p.y < 1.49 - 0.25 * arm + 0.06 * (arm > 0.06) ? kShirt : kSkin;
-  if (p.y > 1.15 && arm >= 0.175)
-    return dot(p - kShoulder, normalize(kElbow - kShoulder)) < 0.13 ||
-                   (p.x < 0 && dot(mirrored(p) - kShoulder, normalize(kElbow - kShoulder)) < 0.13)
-               ? kShirt
-               : kSkin;
-  if (p.y > 0.67 && arm < 0.25) return kShorts;
-  return kSkin;
+  if (p.y > 1.04 && left.x < kShoulder.x) {
+    const double neckline = (left.x > 0.06 ? 1.55 : 1.49) - 0.25 * left.x;
+    return p.y < neckline ? kShirt : kSkin;
+  }
+  if (p.y > 1.15) {
+    const double sleeve = dot(left - kShoulder, normalize(kElbow - kShoulder));
+    return sleeve < 0.13 ? kShirt : kSkin;
+  }
+  return p.y > 0.67 && left.x < 0.25 ? kShorts : kSkin;
 }
 
 Quatd from_to(const Vec3d& a, const Vec3d& b) {  // the shortest turn; pre: not opposite
