@@ -4,8 +4,8 @@
 
 #include <algorithm>
 #include <filesystem>
-#include <regex>
 #include <set>
+#include <string_view>
 
 #include "tempera/core/error.h"
 #include "tempera/core/time.h"
@@ -16,42 +16,56 @@ namespace fs = std::filesystem;
 namespace tempera {
 namespace {
 
-/// One part of a path with '*' as a regular expression that captures what each '*' stands for. A place for the frame
-/// number matches any number.
-std::regex expression_of(const std::string& part) {
-  static const std::regex kFrame("#+|%0?[0-9]*d|\\$F[0-9]*");
-  std::string out;
-  for (auto at = part.cbegin(); at != part.cend();) {
-    std::smatch frame;
-    if (std::regex_search(at, part.cend(), frame, kFrame, std::regex_constants::match_continuous)) {
-      out += "-?[0-9]+";
-      at = frame[0].second;
-      continue;
+bool is_digit(char c) { return c >= '0' && c <= '9'; }
+std::size_t digits_at(std::string_view text, std::size_t begin) {
+  std::size_t end = begin;
+  while (end < text.size() && is_digit(text[end])) ++end;
+  return end - begin;
+}
+
+/// Length of the place for a frame number ("####", "%04d", "$F4") that `pattern` begins with; 0 if there is none.
+std::size_t frame_place(std::string_view pattern) {
+  if (pattern.starts_with('#')) return std::min(pattern.find_first_not_of('#'), pattern.size());
+  if (pattern.starts_with("$F")) return 2 + digits_at(pattern, 2);
+  const std::size_t type = 1 + digits_at(pattern, 1);
+  return pattern.starts_with('%') && type < pattern.size() && pattern[type] == 'd' ? type + 1 : 0;
+}
+
+/// Whether `name` is of the form of `pattern`, one part of a path, in which '*' stands for any text and a place for the
+/// frame number for any number. Adds to `concrete` the pattern with what every '*' stands for.
+bool matches(std::string_view pattern, std::string_view name, std::string& concrete) {
+  if (pattern.empty()) return name.empty();
+  const std::size_t before = concrete.size();
+  const auto rest_matches = [&](std::size_t used, std::size_t taken, std::string_view text) {
+    concrete += text;
+    if (matches(pattern.substr(used), name.substr(taken), concrete)) return true;
+    concrete.resize(before);
+    return false;
+  };
+  if (const std::size_t place = frame_place(pattern)) {
+    const std::size_t sign = name.starts_with('-');
+    for (std::size_t digits = digits_at(name, sign); digits > 0; --digits) {
+      if (rest_matches(place, sign + digits, pattern.substr(0, place))) return true;
     }
-    if (*at == '*') {
-      out += "(.*)";
-    } else {
-      if (std::string_view("^$\\.+?()[]{}|").find(*at) != std::string_view::npos) out += '\\';
-      out += *at;
-    }
-    ++at;
+    return false;
   }
-  return std::regex(out);
+  if (pattern[0] == '*') {
+    for (std::size_t length = name.size() + 1; length-- > 0;) {
+      if (rest_matches(1, length, name.substr(0, length))) return true;
+    }
+    return false;
+  }
+  return !name.empty() && name[0] == pattern[0] && rest_matches(1, 1, pattern.substr(0, 1));
 }
 
 /// `part` for each entry of `folder` that it matches, with every '*' replaced by what it stands for there.
-std::set<std::string> matches(const fs::path& folder, const std::string& part) {
-  const std::regex expression = expression_of(part);
+std::set<std::string> entries(const fs::path& folder, const std::string& part) {
   std::set<std::string> found;
   std::error_code ec;
   for (fs::directory_iterator it(folder.empty() ? "." : folder, ec), end; !ec && it != end; it.increment(ec)) {
     const std::string name = it->path().filename().string();
-    std::smatch texts;
-    if (name.starts_with(".") || !std::regex_match(name, texts, expression)) continue;
     std::string concrete;
-    std::size_t next = 1;
-    for (const char c : part) concrete += c == '*' ? texts[next++].str() : std::string(1, c);
-    found.insert(concrete);
+    if (!name.starts_with(".") && matches(part, name, concrete)) found.insert(concrete);
   }
   return found;
 }
@@ -65,7 +79,7 @@ std::vector<std::string> expand(const std::string& pattern) {
       if (part.string().find('*') == std::string::npos) {
         longer.push_back(folder / part);
       } else {
-        for (const std::string& name : matches(folder, part.string())) longer.push_back(folder / name);
+        for (const std::string& name : entries(folder, part.string())) longer.push_back(folder / name);
       }
     }
     found = std::move(longer);
