@@ -12,12 +12,13 @@ alpha, window, ...), which is then part of their time. Methods without spp are c
 frames, within 5 %.
 
   ./dev bench quality --scene cornell-motion --methods path:spp=16,path:spp=64
-  ./dev bench quality --scene cornell-motion --methods path:spp=16:sampler=independent,path:spp=64:sampler=independent
+  ./dev bench quality --scene cornell-motion --methods path:spp=16:sampler=sobol,path:spp=64:sampler=sobol
   ./dev bench quality --scene running-figure --methods path,gradient_path,temporal_gradient_path --time 60
   ./dev bench quality --scene vase --methods path,path:sampler=independent --equal-error relmse=0.01
 
-Four times the samples make a quarter of the squared error with sampler=independent. The error of the default sampler
-(scrambled Sobol points) falls faster, so the first example shows more than a factor of 4 and the second one 4.
+Four times the samples make a quarter of the squared error with sampler=independent, which is what cornell-motion is
+rendered with. The error of the default sampler of other scenes (scrambled Sobol points) falls faster, so the second
+example shows more than a factor of 4.
 
 The reference has an error, too, which counts in each method's: it is printed, as estimated from its halves.
 """
@@ -104,7 +105,7 @@ class Bench:
         pattern = self.work / f"reference_{key}" / "f.####.exr"
         print(f"reference: {args.reference_spp} samples, {pattern}", flush=True)
         execute([self.tempera, "-q", "render", self.shot, *self.common, "--spp", args.reference_spp, "--seed", 1000003,
-                 "--integrator", "path", "--layers", "motion,halves", "-o", pattern, "--resume"])
+                 "--sampler", "sobol", "--integrator", "path", "--layers", "motion,halves", "-o", pattern, "--resume"])
         return pattern
 
     def run(self, method, spp, seed, folder):
@@ -260,7 +261,7 @@ def main():
     parser.add_argument("--resolution", help="WxH [the scene's]")
     parser.add_argument("--time", type=float, default=30, help="seconds for all frames, of methods without spp [30]")
     parser.add_argument("--equal-error", metavar="METRIC=VALUE", help="find the time that each method needs for this error")
-    parser.add_argument("--reference-spp", type=int, default=4096, help="[4096]")
+    parser.add_argument("--reference-spp", type=int, default=1024, help="[1024]")
     parser.add_argument("--metrics", default=",".join(METRICS), type=lambda s: s.split(","), help="as of tempera compare")
     parser.add_argument("--threads", help="[all]")
     parser.add_argument("--build", type=pathlib.Path, default=ROOT / "build/release")
