@@ -261,7 +261,7 @@ def main():
     parser.add_argument("--resolution", help="WxH [the scene's]")
     parser.add_argument("--time", type=float, default=30, help="seconds for all frames, of methods without spp [30]")
     parser.add_argument("--equal-error", metavar="METRIC=VALUE", help="find the time that each method needs for this error")
-    parser.add_argument("--reference-spp", type=int, default=1024, help="[1024]")
+    parser.add_argument("--reference-spp", type=int, default=512, help="[512]")
     parser.add_argument("--metrics", default=",".join(METRICS), type=lambda s: s.split(","), help="as of tempera compare")
     parser.add_argument("--threads", help="[all]")
     parser.add_argument("--build", type=pathlib.Path, default=ROOT / "build/release")
