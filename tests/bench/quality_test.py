@@ -53,10 +53,14 @@ class Statistics(unittest.TestCase):
 class Methods(unittest.TestCase):
     def test_settings_go_where_they_belong(self):
         m = quality.Method("path:spp=16:sampler=independent:max_depth=4:film.filter=tent")
-        self.assertEqual((m.name, m.spp), ("path", 16))
+        self.assertEqual((m.name, m.wanted_spp), ("path", 16))
         self.assertEqual(m.render, ["--sampler", "independent", "--param", "max_depth=4", "--set", "film.filter=tent"])
         g = quality.Method("gradient_path:norm=l2")
-        self.assertEqual((g.spp, g.render, g.stage), (None, [], ["--norm", "l2"]))
+        self.assertEqual((g.wanted_spp, g.render, g.stage), (None, [], ["--norm", "l2"]))
+
+    def test_frame_sets(self):
+        self.assertEqual(quality.frames_of("1-4"), [1, 2, 3, 4])
+        self.assertEqual(quality.frames_of("3,10-14x2,1..2"), [3, 10, 12, 14, 1, 2])
 
     def test_wrong_settings_end_the_program(self):
         for text in ("path:spp=0", "path:spp=many", "path:sampler", "path:=3"):
