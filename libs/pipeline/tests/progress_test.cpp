@@ -56,7 +56,7 @@ TEST(Progress, JsonIsOneObjectPerLine) {
 
 TEST(Progress, OpenJobDescriptionLines) {
   const std::string text = transcript(ProgressKind::kOpenJd);
-  EXPECT_EQ(text.find("openjd_progress: 0\n"), 0u) << text;
+  EXPECT_EQ(text.find("openjd_progress: 0.00\n"), 0u) << text;
   EXPECT_NE(text.find("openjd_status: frame 2 (2 of 2)\n"), std::string::npos) << text;
   EXPECT_NE(text.find("openjd_progress: 100.00\n"), std::string::npos) << text;
 }
