@@ -335,6 +335,7 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
 
   RenderPlan plan;
   for (const int f : shot.frames) {
+    if (stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped while looking for finished frames");
     const bool may_skip =
         options.resume || std::find(options.reuse.begin(), options.reuse.end(), f) != options.reuse.end();
     if (may_skip && is_finished(q, f, frame_path(shot.output, f))) {

@@ -48,8 +48,8 @@ std::vector<ShotKey> own_keys() {
 
       {{"integrator.name", "path", "integrator; its parameters are the other keys of this table, or --param"}, "--integrator", "NAME", "the scene's, else path"},
 
-      {{"output.path", "", "frame files that are rendered, relative to the current directory; #### stands for the frame number. "
-        "`tempera run` takes a folder, too"}, "-o,--output", "PATTERN", "render: none; run: out/NAME/NAME.####.exr"},
+      {{"output.path", "", "rendered frames, relative to the current directory; #### stands for the number; for run a folder, too"},
+       "-o,--output", "PATTERN", "for run out/NAME/NAME.####.exr"},
       {{"output.layers", "color", "layers to write beside color; `tempera list layers` names them"}, "--layers", "A,B,C", "", true},
       {{"output.aov_names", "tempera", "whose names the layers get in the file", -kMany, kMany,
         {"tempera", "blender", "arnold", "renderman", "pbrt"}}, "--aov-names", "NAME"},
@@ -63,11 +63,11 @@ std::vector<ShotKey> own_keys() {
       {{"environment.camera_visible", true, "whether the camera sees it"}, "", ""},
       {{"environment.keep", false, "add to the scene's own environment instead of replacing it"}, "", ""},
 
-      {{"reconstruct.path", "", "files of the final frames that `tempera run` makes of the differences of a gradient-domain integrator, "
-        "relative to the current directory"}, "", "PATTERN", "as output.path, in a folder `final` there"},
+      {{"reconstruct.path", "", "final frames that run makes of the differences of a gradient-domain integrator; as output.path"}, "",
+       "PATTERN", "a folder final beside the rendered frames"},
 
-      {{"video.path", "", "movie that `tempera run` makes, relative to the current directory"}, "", "FILE",
-       "as output.path, with .mp4 in place of the number"},
+      {{"video.path", "", "movie that run makes, relative to the current directory"}, "", "FILE",
+       "NAME.mp4 beside the rendered frames"},
       {{"video.fps", 0.0, "frame rate of the movie; 0: that of the shot", 0, 1000}, "", "N"},
       {{"video.codec", "auto", "auto (by the file's ending), h264, hevc, vp9, av1 or ffv1", -kMany, kMany,
         {"auto", "h264", "hevc", "vp9", "av1", "ffv1"}}, "", "NAME"},

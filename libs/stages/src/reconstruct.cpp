@@ -531,8 +531,15 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
     return hash_of(text);
   };
   ReconstructReport report;
+  const auto check_stop = [&] {
+    if (stop.stop_requested()) {
+      throw Error(ErrorCode::kCancelled, fmt::format("stopped; {} of {} frames are done, --resume continues",
+                                                     report.frames.size() + report.skipped.size(), wanted.size()));
+    }
+  };
   std::map<int, std::string> targets;  // frame -> fingerprint
   for (const int f : wanted) {
+    check_stop();
     const std::string print = fingerprint(f);
     if (options.resume && is_finished(out_path(f), print)) {
       report.skipped.push_back(f);
@@ -555,12 +562,6 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
     const TemporaryFile probe(out_path(targets.begin()->first));  // what cannot be written is known before the work
   }
 
-  const auto check_stop = [&] {
-    if (stop.stop_requested()) {
-      throw Error(ErrorCode::kCancelled, fmt::format("stopped; {} of {} frames are done, --resume continues",
-                                                     report.frames.size() + report.skipped.size(), wanted.size()));
-    }
-  };
   FrameBuffer buffer(reader, settings.runs);
   struct Blend {
     PlanarFrames mean;
