@@ -33,8 +33,6 @@ RenderTotals& RenderTotals::operator+=(const RenderTotals& o) {
 
 namespace {
 
-constexpr const char* kFingerprintKey = "tempera/fingerprint";
-
 double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
 /// What is fixed for a sequence.
@@ -390,7 +388,10 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
 
   RenderPlan plan;
   for (const int f : shot.frames) {
-    if (options.resume && is_finished(q, f, frame_path(shot.output, f))) {
+    if (stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped while looking for finished frames");
+    const bool may_skip =
+        options.resume || std::find(options.reuse.begin(), options.reuse.end(), f) != options.reuse.end();
+    if (may_skip && is_finished(q, f, frame_path(shot.output, f))) {
       report.skipped.push_back(f);
     } else {
       plan.frames.push_back(f);
