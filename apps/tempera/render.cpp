@@ -16,21 +16,23 @@ namespace tempera {
 
 namespace {
 
-/// "frame,x,y,sample". Errors: Error{kUsage}.
-BadSample parse_replay(const std::string& text) {
-  BadSample b;
-  int* const fields[] = {&b.frame, &b.x, &b.y, &b.sample};
-  const char* at = text.data();
-  const char* const end = at + text.size();
-  for (int* field : fields) {
-    const auto [next, ec] = std::from_chars(at, end, *field);
-    const bool last = field == &b.sample;
-    if (ec != std::errc() || (last ? next != end : next == end || *next != ',')) {
-      throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
-                  fmt::format("--replay \"{}\" is not of the form frame,x,y,sample", text));
-    }
-    at = next + 1;
+/// "frame,x,y,sample", and with the random numbers of another pixel or pass ",stream,x,y". Errors: Error{kUsage}.
+BadSample parse_replay(const std::string& text, const RenderSettings& settings) {
+  std::vector<std::int64_t> numbers;
+  for (const char *at = text.data(), *end = at + text.size();; ++at) {
+    const auto [next, ec] = std::from_chars(at, end, numbers.emplace_back());
+    if (ec != std::errc() || (next != end && *next != ',')) numbers.clear();
+    if (numbers.empty() || next == end) break;
+    at = next;
   }
+  if (numbers.size() != 4 && numbers.size() != 7) {
+    throw Error(
+        ErrorCode::kUsage, ShotConfig::kCommandLine(),
+        fmt::format("--replay \"{}\" is not of the form frame,x,y,sample or frame,x,y,sample,stream,x,y", text));
+  }
+  BadSample b{int(numbers[0]), int(numbers[1]), int(numbers[2]), int(numbers[3]), {}};
+  b.numbers = numbers.size() == 7 ? PixelKey{numbers[4], int(numbers[5]), int(numbers[6])}
+                                  : own_key(settings, b.frame, b.x, b.y);
   return b;
 }
 
@@ -44,7 +46,7 @@ void add_render_options(CLI::App& command, RenderFlags& flags) {
       ->type_name("HOST[:PORT]")
       ->expected(1);
   command.add_option("--progress", flags.progress, "auto, tty, plain, json, openjd or none [auto]")->type_name("KIND");
-  command.add_option("--replay", flags.replay, "render this one sample and print its radiance")
+  command.add_option("--replay", flags.replay, "render this one sample, as a warning names it, and print its radiance")
       ->type_name("FRAME,X,Y,SAMPLE");
 }
 
@@ -97,7 +99,7 @@ Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender
     check_memory(loaded.shot, loaded.scene, memory_limit);
     shot = loaded.shot;
     if (!flags.replay.empty()) {
-      const BadSample b = parse_replay(flags.replay);
+      const BadSample b = parse_replay(flags.replay, shot.settings);
       const Rgb c = replay_sample(shot, loaded.scene, b);
       std::printf("frame %d, pixel %d,%d, sample %d: %g %g %g\n", b.frame, b.x, b.y, b.sample, c.r, c.g, c.b);
       return;

@@ -16,6 +16,11 @@ constexpr std::array<const char*, 4> kSides{"grad.right", "grad.down", "grad.lef
 /// Streams of first batches that are not part of the picture: independent of all frames' own.
 constexpr std::int64_t kPilotStreams = std::int64_t(1) << 41;
 
+/// Which differences of a pixel there are. They need samples on both sides: none across the border of what is rendered.
+std::array<bool, 4> inside(const RenderSettings& s, int x, int y) {
+  return {x + 1 < s.x1(), y + 1 < s.y1(), x > s.x0(), y > s.y0()};
+}
+
 std::string variance_of(const std::string& name) { return name + ".var"; }
 
 }  // namespace
@@ -63,15 +68,13 @@ GradientTile::GradientTile(const FrameContext& context, const Tile& tile, const 
 
 void GradientTile::sample(const FrameContext& context, const GradientOptions& options, int x, int y,
                           const PixelKey& key, int first, int count, RenderCounters& counters) {
-  // A difference needs samples on both sides: none across the border of what is rendered.
-  const std::array<bool, 4> inside{x + 1 < settings_.x1(), y + 1 < settings_.y1(), x > settings_.x0(),
-                                   y > settings_.y0()};
   Pixel& p = pixels_[std::size_t(y - tile_.y0) * std::size_t(tile_.x1 - tile_.x0) + std::size_t(x - tile_.x0)];
+  const std::array<bool, 4> neighbours = inside(settings_, x, y);
   std::uint64_t rays = 0, shadow_rays = 0;
   for (int i = first; i < first + count; ++i) {
     const CameraSample camera = camera_sample(context, key, x, y, i);
     const Vec3f axis = film_.features() ? context.camera.axis(camera.time) : Vec3f{};
-    ShiftObserver shifts(context, options.path, options.roughness_threshold, camera, inside);
+    ShiftObserver shifts(context, options.path, options.roughness_threshold, camera, neighbours);
     const SampleResult r =
         trace_path(context, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts);
     rays += r.rays + shifts.rays();
@@ -79,7 +82,7 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
     bool finite = true;
     for (std::size_t j = 0; j < 4; ++j) finite &= is_finite(shifts.g(j));
     if (!finite || !film_.add(x, y, i, camera, r)) {
-      counters.note_bad({context.frame, x, y, i});
+      counters.note_bad({context.frame, x, y, i, key});
       continue;
     }
     ++p.count;
@@ -130,6 +133,18 @@ void join_gradients(const std::string& prefix, Frame& out) {
   };
   join(prefix + "grad.x", kRight, kLeft, 1, 0);
   join(prefix + "grad.y", kDown, kUp, 0, 1);
+}
+
+Rgb replay_gradients(const FrameContext& context, const GradientOptions& options, const BadSample& sample) {
+  const CameraSample camera = camera_sample(context, sample.numbers, sample.x, sample.y, sample.sample);
+  ShiftObserver shifts(context, options.path, options.roughness_threshold, camera,
+                       inside(context.settings, sample.x, sample.y));
+  std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
+  const Rgb radiance = trace_path(context, options.path, camera, {}, classes, false, shifts).radiance * camera.weight;
+  for (std::size_t j = 0; j < 4 && is_finite(radiance); ++j) {
+    if (!is_finite(shifts.g(j))) return shifts.g(j);
+  }
+  return radiance;
 }
 
 GradientBatches::GradientBatches(const FrameContext& context, const GradientOptions& options, int spp)

@@ -77,6 +77,9 @@ class GradientBatches {
   std::map<std::pair<int, int>, GradientTile> tiles_;  ///< by their first pixel
 };
 
+/// Integrator::replay: the radiance of a sample, or what it adds to a difference if that is not finite.
+Rgb replay_gradients(const FrameContext& context, const GradientOptions& options, const BadSample& sample);
+
 /// Errors: Error{kUnsupported} for a rolling shutter, naming `integrator`.
 void check_gradient_settings(const RenderSettings& settings, std::string_view integrator);
 

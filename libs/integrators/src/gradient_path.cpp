@@ -47,11 +47,8 @@ class GradientPathIntegrator final : public Integrator {
   }
   void finish(const FrameContext& /*context*/, Frame& out) const override { join_gradients("", out); }
 
-  Rgb replay(const FrameContext& context, int x, int y, int sample) const override {
-    const CameraSample camera = camera_sample(context, x, y, sample);
-    std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
-    NoObserver none;
-    return trace_path(context, options_.path, camera, {}, classes, false, none).radiance * camera.weight;
+  Rgb replay(const FrameContext& context, const BadSample& sample) const override {
+    return replay_gradients(context, options_, sample);
   }
 
  private:

@@ -47,7 +47,7 @@ class PathIntegrator final : public Integrator {
       ++samples;
       rays += r.rays;
       shadow_rays += r.shadow_rays;
-      if (!film.add(x, y, index, camera, r)) counters.note_bad({context.frame, x, y, index});
+      if (!film.add(x, y, index, camera, r)) counters.note_bad({context.frame, x, y, index, own_key(context, x, y)});
     };
     if (adaptive_error_ > 0 ? !sample_adaptively(tile, context.settings.spp, film, take, stop)
                             : !sample_evenly(tile, context.settings.spp, take, stop)) {
@@ -60,8 +60,8 @@ class PathIntegrator final : public Integrator {
     counters.shadow_rays += shadow_rays;
   }
 
-  Rgb replay(const FrameContext& context, int x, int y, int sample) const override {
-    const CameraSample camera = camera_sample(context, x, y, sample);
+  Rgb replay(const FrameContext& context, const BadSample& sample) const override {
+    const CameraSample camera = camera_sample(context, sample.numbers, sample.x, sample.y, sample.sample);
     std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
     NoObserver none;
     return trace_path(context, options_, camera, {}, classes, false, none).radiance * camera.weight;

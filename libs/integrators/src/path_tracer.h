@@ -65,13 +65,8 @@ struct CameraSample {
   Vec2f film, lens;
   CameraRay ray;
 };
-/// Which random numbers a pixel takes: those of a pixel of a stream, usually its own of its frame.
-struct PixelKey {
-  std::int64_t stream = 0;
-  int x = 0, y = 0;
-};
 inline PixelKey own_key(const FrameContext& context, int x, int y) {
-  return {context.settings.seed_per_frame ? context.frame : 0, x, y};
+  return own_key(context.settings, context.frame, x, y);
 }
 /// Sample `index` of pixel (x, y) of the frame with the numbers of `key`.
 CameraSample camera_sample(const FrameContext& context, const PixelKey& key, int x, int y, int index);

@@ -46,6 +46,10 @@ void ShiftObserver::next_event(const Vertex& at, const LightSample& light, const
   };
   const float pb2 = density(f_sum, f.pdf, visible);
   const bool base_connects = connects(at, false);
+  Vec3f light_position, light_normal;
+  if (light.point &&
+      std::any_of(offsets_.begin(), offsets_.end(), [](const OffsetPath& o) { return o.state == OffsetPath::kFree; }))
+    light_position = context_.rays.position(*light.point, camera_.time, &light_normal);
   for (OffsetPath& o : offsets_) {
     Rgb offset;
     float others = 0;  // squared densities of the offset's own ways to sample the pair, over pl2
@@ -78,11 +82,7 @@ void ShiftObserver::next_event(const Vertex& at, const LightSample& light, const
         ++rays_;
         const float v = visibility(context_, s, there->wi, there->distance);
         float jacobian = 1;
-        if (light.point) {
-          Vec3f ng;
-          const Vec3f y = context_.rays.position(*light.point, camera_.time, &ng);
-          jacobian = reconnection_jacobian(at.s.p, s.p, y, ng);
-        }
+        if (light.point) jacobian = reconnection_jacobian(at.s.p, s.p, light_position, light_normal);
         offset = o.beta * value * there->radiance * (jacobian * v / light.pdf);
         others = sqr(o.rho * jacobian) * (sqr(there->pdf) + density(value, f_offset.pdf, v));
         break;
@@ -155,13 +155,11 @@ void ShiftObserver::extend_shared(const Extension& e, const Rgb& base, float bas
 /// The offset path goes to the base path's next vertex.
 void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_weight, OffsetPath& o) {
   const ShadingPoint& s = o.vertex.s;
+  const Vec3f from = s.p;
   Vec3f wi = e.sample.wi;
-  float distance = kInfinity, jacobian = 1, light_pdf = 0;
-  Rgb emitted = e.emitted, arriving(1.0f);
-  const bool lights = samples_lights(o.vertex.bsdf) && e.light_pdf > 0;
-  Vertex end;
+  float distance = kInfinity, jacobian = 1;
   if (e.to) {
-    const Vec3f d = e.to->s.p - s.p;
+    const Vec3f d = e.to->s.p - from;
     distance = length(d);
     if (!(distance > 0)) {
       o.g -= base * (1 / base_weight);
@@ -169,16 +167,7 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
       return;
     }
     wi = d * (1 / distance);
-    jacobian = reconnection_jacobian(e.from.s.p, s.p, e.to->s.p, e.to->s.ng);
-    end.point = e.to->point;
-    end.shape = e.to->shape;
-    end.s = e.to->s;
-    end.s.wo = -wi;
-    arriving = absorption(end, distance);
-    emitted = e.to->shape->emission ? context_.lights.emitted(end.point, end.s) : Rgb(0.0f);
-    if (lights) light_pdf = context_.lights.pdf(end.point, end.s, s.p, distance);
-  } else if (lights) {
-    light_pdf = context_.lights.environment_pdf(wi, camera_.time, s.p);
+    jacobian = reconnection_jacobian(e.from.s.p, from, e.to->s.p, e.to->s.ng);
   }
   const BsdfEval f = o.vertex.bsdf.eval(s.wo, wi);
   const Rgb value = f.sum();
@@ -188,6 +177,23 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
     visible = visibility(context_, s, wi, distance);
   }
   const float pdf = visible > 0 ? f.pdf : 0.0f;
+  const float eta = dot(wi, s.frame.n) * dot(s.wo, s.frame.n) < 0 ? std::max(o.vertex.bsdf.rough_eta(s.wo), 1e-6f) : 1;
+  const bool lights = samples_lights(o.vertex.bsdf) && e.light_pdf > 0;
+
+  // From here on the vertex is the next one.
+  float light_pdf = 0;
+  Rgb emitted = e.emitted, arriving(1.0f);
+  if (e.to) {
+    o.vertex.point = e.to->point;
+    o.vertex.shape = e.to->shape;
+    o.vertex.s = e.to->s;
+    o.vertex.s.wo = -wi;
+    arriving = absorption(o.vertex, distance);
+    emitted = e.to->shape->emission ? context_.lights.emitted(o.vertex.point, o.vertex.s) : Rgb(0.0f);
+    if (lights) light_pdf = context_.lights.pdf(o.vertex.point, o.vertex.s, from, distance);
+  } else if (lights) {
+    light_pdf = context_.lights.environment_pdf(wi, camera_.time, from);
+  }
   // An emitter that is occluded from the offset path is still what its next-event estimation would try.
   const float others = sqr(o.rho * jacobian / e.sample.pdf) * (sqr(pdf) + sqr(light_pdf));
   if (!(pdf > 0)) {
@@ -195,7 +201,6 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
     o.state = OffsetPath::kDead;
     return;
   }
-  const float eta = dot(wi, s.frame.n) * dot(s.wo, s.frame.n) < 0 ? std::max(o.vertex.bsdf.rough_eta(s.wo), 1e-6f) : 1;
   scatter(e, value, pdf, jacobian, eta, o);
   o.beta *= arriving * (visible / e.clear);
   o.g += (o.beta * emitted - base) * (1 / (base_weight + others));
@@ -203,9 +208,6 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
     o.state = OffsetPath::kDead;
     return;
   }
-  o.vertex.point = end.point;
-  o.vertex.shape = end.shape;
-  o.vertex.s = end.s;
   o.vertex.make_bsdf();
   o.state = OffsetPath::kFresh;
 }

@@ -105,11 +105,8 @@ class TemporalGradientPathIntegrator final : public Integrator {
     join_gradients(kOffset, out);
   }
 
-  Rgb replay(const FrameContext& context, int x, int y, int sample) const override {
-    const CameraSample camera = camera_sample(context, x, y, sample);
-    std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
-    NoObserver none;
-    return trace_path(context, options_.path, camera, {}, classes, false, none).radiance * camera.weight;
+  Rgb replay(const FrameContext& context, const BadSample& sample) const override {
+    return replay_gradients(context, options_, sample);
   }
 
  private:

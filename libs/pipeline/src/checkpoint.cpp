@@ -14,7 +14,7 @@ namespace tempera {
 
 namespace {
 
-constexpr std::string_view kMagic = "tempera checkpoint 1\n";
+constexpr std::string_view kMagic = "tempera checkpoint 2\n";
 
 /// Appends to a file and hashes what passes.
 class Writer {

@@ -503,8 +503,11 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
   const RenderTotals& t = report.totals;
   if (t.bad_samples > 0) {
     const BadSample& b = t.first_bad[0];
-    log_warning(fmt::format("{} samples were not finite and were left out; see one of them: {} --replay {},{},{},{}",
-                            t.bad_samples, options.command, b.frame, b.x, b.y, b.sample));
+    const PixelKey& n = b.numbers;
+    const bool own = n == own_key(shot.settings, b.frame, b.x, b.y);
+    log_warning(fmt::format("{} samples were not finite and were left out; see one of them: {} --replay {},{},{},{}{}",
+                            t.bad_samples, options.command, b.frame, b.x, b.y, b.sample,
+                            own ? "" : fmt::format(",{},{},{}", n.stream, n.x, n.y)));
   }
   if (report.frames.size() < plan.frames.size()) {
     throw Error(ErrorCode::kCancelled, fmt::format("stopped; {} of {} frames are done, --resume continues",
@@ -536,7 +539,7 @@ Rgb replay_sample(const Shot& shot, const Scene& scene, const BadSample& b) {
   Sequence q(shot, scene);
   const FrameScene frame_scene(q, b.frame, nullptr, true);
   const FlushDenormals flush;  // as the render had it
-  return q.integrator->replay(frame_scene.context(q, b.frame), b.x, b.y, b.sample);
+  return q.integrator->replay(frame_scene.context(q, b.frame), b);
 }
 
 }  // namespace tempera

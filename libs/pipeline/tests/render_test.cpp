@@ -291,9 +291,9 @@ TEST_F(RenderSequence, ReplaysOneSample) {
   shot_.settings.spp = 1;
   shot_.settings.filter = PixelFilter(FilterKind::kBox);
   const Frame f = render_frame(shot_, scene_, 1);
-  const Rgb c = replay_sample(shot_, scene_, {1, 40, 35, 0});
+  const Rgb c = replay_sample(shot_, scene_, {1, 40, 35, 0, {1, 40, 35}});
   EXPECT_EQ(c, f.layer("color").rgb(40, 35));
-  EXPECT_EQ(code_of([&] { replay_sample(shot_, scene_, {1, 80, 35, 0}); }), ErrorCode::kUsage);
+  EXPECT_EQ(code_of([&] { replay_sample(shot_, scene_, {1, 80, 35, 0, {}}); }), ErrorCode::kUsage);
 }
 
 TEST_F(RenderSequence, BadSamplesAreLeftOutCountedAndNamed) {
@@ -316,6 +316,23 @@ TEST_F(RenderSequence, BadSamplesAreLeftOutCountedAndNamed) {
   const Frame frame = read_frame(file(1));
   for (const Layer& l : frame.layers()) {
     for (const float v : l.image.values()) ASSERT_TRUE(std::isfinite(v)) << l.desc.name;
+  }
+}
+
+// A sample of the offset pass took the numbers of another pixel, of the frame before.
+TEST_F(RenderSequence, ReplaysSamplesOfEveryPass) {
+  shot_.settings.spp = 2;
+  shot_.settings.layers = {"color"};
+  shot_.settings.filter = PixelFilter(FilterKind::kBox);
+  shot_.integrator = "temporal_gradient_path";
+  shot_.params = Params(find_integrator(shot_.integrator).params);
+  const Frame f = render_frame(shot_, scene_, 1);
+  const Image& source = f.layer("offset.source");
+  for (const int x : {30, 40, 50}) {
+    ASSERT_EQ(source.at(x, 35, 2), 1.0f);
+    const PixelKey numbers{0, int(source.at(x, 35, 0)), int(source.at(x, 35, 1))};
+    EXPECT_EQ(replay_sample(shot_, scene_, {1, x, 35, 0, numbers}), f.layer("offset.color").rgb(x, 35));
+    EXPECT_EQ(replay_sample(shot_, scene_, {1, x, 35, 0, {1, x, 35}}), f.layer("color").rgb(x, 35));
   }
 }
 

@@ -77,9 +77,21 @@ struct Tile {
   int x0 = 0, y0 = 0, x1 = 0, y1 = 0;
 };
 
-/// A sample whose radiance was not finite. It was dropped (the pixel averages over the others).
+/// Which random numbers a pixel takes: those of a pixel of a stream, usually its own of its frame.
+struct PixelKey {
+  std::int64_t stream = 0;
+  int x = 0, y = 0;
+  bool operator==(const PixelKey&) const = default;
+};
+/// The numbers that pixel (x, y) of a frame has for itself.
+inline PixelKey own_key(const RenderSettings& settings, int frame, int x, int y) {
+  return {settings.seed_per_frame ? frame : 0, x, y};
+}
+
+/// A sample of pixel (x, y) that was not finite. It was dropped (the pixel averages over the others).
 struct BadSample {
   int frame = 0, x = 0, y = 0, sample = 0;
+  PixelKey numbers;  ///< that it took
 };
 
 /// Counts over a render. Threads: updated once per tile.
@@ -135,8 +147,9 @@ class Integrator {
   /// Makes what needs neighbouring pixels of other tiles, once all tiles of a frame are rendered.
   virtual void finish(const FrameContext& /*context*/, Frame& /*out*/) const {}
 
-  /// Renders the single sample (x, y, sample) of the frame and returns its radiance: to replay a bad sample.
-  virtual Rgb replay(const FrameContext& context, int x, int y, int sample) const = 0;
+  /// Renders one sample again, to look into what was wrong with it, and returns its radiance. Integrators that compute
+  /// more from a sample return that if it is not finite where the radiance is. `context.plan` need not be set.
+  virtual Rgb replay(const FrameContext& context, const BadSample& sample) const = 0;
 };
 
 /// Calls Integrator::finish and removes the work layers.
