@@ -55,6 +55,10 @@ std::string Program::command_line() const {
   return out;
 }
 
+ProgressKind Program::progress_kind(const std::string& text) const {
+  return verbosity < 0 && text == "auto" ? ProgressKind::kNone : parse_progress(text);
+}
+
 namespace {
 
 constexpr const char* kOutOfMemory = "tempera: out of memory\n";

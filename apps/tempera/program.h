@@ -8,7 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "tempera/pipeline/progress.h"
+#include "tempera/pipeline/render.h"
 #include "tempera/pipeline/shot.h"
+#include "tempera/stages/reconstruct.h"
 
 namespace tempera {
 
@@ -28,6 +31,8 @@ struct Program {
                 const std::vector<std::string>& examples, std::function<int()> action);
   /// The command line as a shell would read it.
   std::string command_line() const;
+  /// What --progress says; nothing is shown on its own with --quiet. Errors: as parse_progress.
+  ProgressKind progress_kind(const std::string& text) const;
 };
 
 /// SHOT and the flags that say how to render it, generated from the table of shot.toml's keys.
@@ -70,17 +75,26 @@ struct RenderFlags {
   bool resume = false;
   double checkpoint_minutes = 10;
   std::string tev, progress = "auto", replay;
+  JobStep step;  ///< that the render is of a job
   void add_to(CLI::App& command);
+  ProgressKind progress_kind(const Program& program) const { return program.progress_kind(progress); }
   /// All but SHOT and --resume.
   void add_overrides_to(CLI::App& command);
 };
 
+/// Called between loading a shot and rendering it: may change what is rendered.
+using PrepareRender = std::function<void(const ShotConfig&, Shot&, RenderOptions&)>;
+
 /// Loads the shot, checks it and renders its frames. Errors: those of all of them.
 /// Returns the shot; nothing is rendered with --replay.
-Shot render_shot(Program& program, const RenderFlags& flags);
+Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender& prepare = {});
 
-/// Encodes the frames that a pattern, folder or file names. Errors: those of write_video; Error{kCancelled}.
-void make_movie(const Program& program, const std::string& frames, const std::string& path,
+/// Writes final frames, and logs what was done. Errors: those of reconstruct.
+void reconstruct_frames(const FrameSequence& input, const std::string& output, const ReconstructOptions& options,
+                        StageObserver& progress, std::stop_token stop);
+
+/// Encodes frames. Errors: those of write_video; Error{kCancelled}.
+void make_movie(const Program& program, const FrameSequence& frames, const std::string& path,
                 const VideoOptions& options);
 
 /// "1-24,30 (25 frames)".

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tempera/stages/reconstruct.h"
-
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -40,20 +38,23 @@ void run_reconstruct(Program& program, Flags& flags) {
   if (!flags.frames.empty()) options.frames = parse_frame_set(flags.frames);
   options.write.compression = parse_compression(flags.compression);
   options.command = program.command_line();
-  const ProgressKind kind =
-      program.verbosity < 0 && flags.progress == "auto" ? ProgressKind::kNone : parse_progress(flags.progress);
+  const ProgressKind kind = program.progress_kind(flags.progress);
   with_threads(flags.threads, [&] {
     const FrameSequence input(flags.in);
-    log_info(fmt::format("frames {}", describe_frames(options.frames.empty() ? input.frames() : options.frames)));
-    const auto progress = make_stage_progress(kind);
-    const ReconstructReport report = reconstruct(input, flags.out, options, *progress, program.stop);
-    if (!report.cuts.empty()) log_info(fmt::format("cuts before frames {}", describe_frames(report.cuts)));
-    log_info(fmt::format("{} {} reconstructed, {} found finished, in {:.1f} s", report.frames.size(),
-                         report.frames.size() == 1 ? "frame" : "frames", report.skipped.size(), report.seconds));
+    reconstruct_frames(input, flags.out, options, *make_stage_progress(kind), program.stop);
   });
 }
 
 }  // namespace
+
+void reconstruct_frames(const FrameSequence& input, const std::string& output, const ReconstructOptions& options,
+                        StageObserver& progress, std::stop_token stop) {
+  log_info(fmt::format("frames {}", describe_frames(options.frames.empty() ? input.frames() : options.frames)));
+  const ReconstructReport report = reconstruct(input, output, options, progress, std::move(stop));
+  if (!report.cuts.empty()) log_info(fmt::format("cuts before frames {}", describe_frames(report.cuts)));
+  log_info(fmt::format("{} {} reconstructed, {} found finished, in {:.1f} s", report.frames.size(),
+                       report.frames.size() == 1 ? "frame" : "frames", report.skipped.size(), report.seconds));
+}
 
 std::vector<CatalogItem> stage_items() {
   return {{"reconstruct",

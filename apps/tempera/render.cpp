@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tempera/pipeline/render.h"
-
 #include <fmt/format.h>
 
 #include <charconv>
@@ -79,10 +77,13 @@ void RenderFlags::add_overrides_to(CLI::App& command) {
   add_render_options(command, *this);
 }
 
-Shot render_shot(Program& program, const RenderFlags& flags) {
+Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender& prepare) {
   const ShotConfig config = flags.shot.config();
-  const ProgressKind kind =
-      program.verbosity < 0 && flags.progress == "auto" ? ProgressKind::kNone : parse_progress(flags.progress);
+  const ProgressKind kind = flags.progress_kind(program);
+  RenderOptions options;
+  options.resume = flags.resume;
+  options.checkpoint_seconds = 60 * flags.checkpoint_minutes;
+  options.command = program.command_line();
   std::unique_ptr<RenderObserver> tev;
   const std::uint64_t memory_limit = flags.shot.memory_limit();
   if (memory_limit > 0) limit_memory(memory_limit);
@@ -92,6 +93,7 @@ Shot render_shot(Program& program, const RenderFlags& flags) {
     Warnings warnings;
     LoadedShot loaded = load_shot(config, flags.shot.import_options(), warnings);
     warnings.report(flags.shot.strict());
+    if (prepare) prepare(config, loaded.shot, options);
     check_memory(loaded.shot, loaded.scene, memory_limit);
     shot = loaded.shot;
     if (!flags.replay.empty()) {
@@ -109,13 +111,9 @@ Shot render_shot(Program& program, const RenderFlags& flags) {
       const auto layers = find_integrator(shot.integrator).make(shot.params)->outputs(shot.settings);
       log_info(describe_aov_names(layers, shot.write.names));
     }
-    const std::unique_ptr<RenderObserver> progress = make_progress(kind);
+    const std::unique_ptr<RenderObserver> progress = make_progress(kind, flags.step);
     std::vector<RenderObserver*> observers{progress.get()};
     if (tev) observers.push_back(tev.get());
-    RenderOptions options;
-    options.resume = flags.resume;
-    options.checkpoint_seconds = 60 * flags.checkpoint_minutes;
-    options.command = program.command_line();
     const RenderReport report = render_sequence(shot, loaded.scene, options, observers, program.stop);
     const std::size_t done = report.frames.size();
     log_info(fmt::format("{} {} rendered, {} found finished, in {:.1f} s", done, done == 1 ? "frame" : "frames",

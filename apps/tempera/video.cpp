@@ -13,16 +13,12 @@
 
 namespace tempera {
 
-void make_movie(const Program& program, const std::string& frames, const std::string& path,
+void make_movie(const Program& program, const FrameSequence& frames, const std::string& path,
                 const VideoOptions& options) {
-  const FrameSequence sequence(frames);
   const bool terminal = isatty(STDERR_FILENO) && program.verbosity >= 0;
-  int pictures = 0;
-  with_threads(0, [&] {
-    pictures = write_video(sequence, path, options, [&](int done, int total) {
-      if (terminal) std::fprintf(stderr, "\r\033[Kpicture %d of %d", done, total);
-      if (program.stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped; no movie was written");
-    });
+  const int pictures = write_video(frames, path, options, [&](int done, int total) {
+    if (terminal) std::fprintf(stderr, "\r\033[Kpicture %d of %d", done, total);
+    if (program.stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped; no movie was written");
   });
   if (terminal) std::fprintf(stderr, "\r\033[K");
   log_info(fmt::format("{}: {} pictures at {:g} frames per second", path, pictures, options.fps));
@@ -41,9 +37,10 @@ void add_video(Program& program) {
                    "tempera video out/frame.####.exr normals.mp4 --layer normal --tone-map none"},
                   [&program, flags] {
                     flags->options.display.tone_map = parse_tone_map(flags->tone_map);
-                    make_movie(program, flags->in, flags->out, flags->options);
+                    const FrameSequence frames(flags->in);
+                    with_threads(0, [&] { make_movie(program, frames, flags->out, flags->options); });
                     if (!flags->contact_sheet.empty()) {
-                      write_contact_sheet(FrameSequence(flags->in), flags->contact_sheet,
+                      write_contact_sheet(frames, flags->contact_sheet,
                                           {.display = flags->options.display, .layer = flags->options.layer});
                     }
                     return 0;

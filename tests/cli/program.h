@@ -71,9 +71,10 @@ class Process {
   Process& operator=(const Process&) = delete;
 
   void signal(int number) const { kill(pid_, number); }
-  /// Waits until `what` holds; false if the program ended, or a minute passed, before that.
-  bool wait_until(const std::function<bool()>& what) {
-    for (int i = 0; i < 12000; ++i) {
+  /// Waits until `what` holds; false if the program ended, or `seconds` passed, before that.
+  bool wait_until(const std::function<bool()>& what, double seconds = 60) {
+    const auto begin = std::chrono::steady_clock::now();
+    while (std::chrono::steady_clock::now() - begin < std::chrono::duration<double>(seconds)) {
       if (what()) return true;
       siginfo_t info{};
       if (waitid(P_PID, id_t(pid_), &info, WEXITED | WNOHANG | WNOWAIT) == 0 && info.si_pid == pid_) return what();

@@ -193,7 +193,7 @@ TEST_F(CliRender, ProgressForMachines) {
   EXPECT_EQ(kinds.back(), "end");
   EXPECT_EQ(std::count(kinds.begin(), kinds.end(), "done"), 2);
   const Outcome jd = render("a", {"--frames", "1-2", "--spp", "1", "--progress", "openjd"});
-  EXPECT_EQ(jd.out.rfind("openjd_progress: 0\n", 0), 0u) << jd.out;
+  EXPECT_EQ(jd.out.rfind("openjd_progress: 0.00\n", 0), 0u) << jd.out;
   EXPECT_EQ(jd.out.find("rror"), std::string::npos);
   const Outcome quiet = render("a", {"--frames", "1", "--spp", "1", "-q"});
   EXPECT_EQ(quiet.out + quiet.err, "");

@@ -510,4 +510,16 @@ Frame read_frame(const std::string& path, const ReadOptions& options) {
 FrameHeader read_header(const std::string& path, const ReadOptions& options) { return open_file(path, options).header; }
 Metadata read_metadata(const std::string& path) { return open_file(path, {}).header.metadata; }
 
+std::string content_identity(const std::string& path) {
+  const Metadata metadata = read_metadata(path);
+  for (const char* key : {kFingerprintKey, kReconstructFingerprintKey}) {
+    const auto it = metadata.find(key);
+    if (it == metadata.end()) continue;
+    if (const auto* text = std::get_if<std::string>(&it->second)) return *text;
+  }
+  std::error_code ignored;
+  const auto time = std::filesystem::last_write_time(path, ignored).time_since_epoch().count();
+  return fmt::format("{}:{}", std::filesystem::file_size(path, ignored), time);
+}
+
 }  // namespace tempera

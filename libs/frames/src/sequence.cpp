@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <charconv>
 #include <filesystem>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <optional>
@@ -137,6 +138,13 @@ FrameSequence::FrameSequence(const std::string& pattern) : pattern_(pattern) {
 }
 
 bool FrameSequence::has(int frame) const { return std::binary_search(frames_.begin(), frames_.end(), frame); }
+
+void FrameSequence::keep(std::span<const int> frames) {
+  std::vector<int> wanted(frames.begin(), frames.end()), both;
+  std::sort(wanted.begin(), wanted.end());
+  std::set_intersection(frames_.begin(), frames_.end(), wanted.begin(), wanted.end(), std::back_inserter(both));
+  frames_ = std::move(both);
+}
 
 std::string FrameSequence::path(int frame) const { return single_ ? pattern_ : frame_path(pattern_, frame); }
 

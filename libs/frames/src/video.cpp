@@ -139,10 +139,8 @@ struct VideoWriter::Impl {
   }
 };
 
-VideoWriter::VideoWriter(const std::string& path, int width, int height, const VideoOptions& options) {
-  const auto [container, codec] = choose(path, options.codec);
-  if (width <= 0 || height <= 0)
-    throw Error(ErrorCode::kBadInput, fmt::format("cannot write {}: the pictures are empty", path));
+void check_video(const std::string& path, const VideoOptions& options) {
+  choose(path, options.codec);
   if (!(options.fps >= 0.001) || options.fps > 1000) {
     throw Error(ErrorCode::kOutOfRange,
                 fmt::format("a movie cannot have {} frames per second; valid: 0.001 to 1000", options.fps));
@@ -151,6 +149,13 @@ VideoWriter::VideoWriter(const std::string& path, int width, int height, const V
     throw Error(ErrorCode::kOutOfRange,
                 fmt::format("quality (crf) {} is out of range; valid: 0 (best) to 51", options.crf));
   }
+}
+
+VideoWriter::VideoWriter(const std::string& path, int width, int height, const VideoOptions& options) {
+  check_video(path, options);
+  const auto [container, codec] = choose(path, options.codec);
+  if (width <= 0 || height <= 0)
+    throw Error(ErrorCode::kBadInput, fmt::format("cannot write {}: the pictures are empty", path));
   impl_ = std::make_unique<Impl>(path, width, height, options);
 
   const FrameRate rate = frame_rate(options.fps);
@@ -173,6 +178,7 @@ VideoWriter::VideoWriter(const std::string& path, int width, int height, const V
   if (container->muxer == std::string("mp4") || container->muxer == std::string("mov")) {
     arguments.insert(arguments.end(), {"-movflags", "+faststart"});
   }
+  if (!options.comment.empty()) arguments.insert(arguments.end(), {"-metadata", "comment=" + options.comment});
   arguments.insert(arguments.end(), {"-f", container->muxer, "file:" + impl_->file.path()});
   std::vector<char*> argv;
   for (std::string& a : arguments) argv.push_back(a.data());
@@ -259,10 +265,16 @@ void VideoWriter::finish() {
   impl_.reset();
 }
 
+bool video_has_comment(const std::string& path, const std::string& comment) {
+  TEMPERA_ASSERT(!comment.empty());
+  if (std::error_code ignored; !std::filesystem::exists(path, ignored)) return false;
+  return read_file(path).find(comment) != std::string::npos;  // containers store it as plain text
+}
+
 int write_video(const FrameSequence& frames, const std::string& path, const VideoOptions& options,
                 const VideoProgress& progress) {
   if (frames.frames().empty()) throw Error(ErrorCode::kMissingFile, fmt::format("no frames for {}", path));
-  choose(path, options.codec);  // before any frame is read
+  check_video(path, options);  // before any frame is read
   const long first = frames.frames().front(), last = frames.frames().back(), step = frames.step();
   const long total = (last - first) / step + 1;
   if (total - long(frames.frames().size()) > 100000) {

@@ -97,6 +97,21 @@ TEST_F(Video, OddSizesAndOtherContainers) {
   }
 }
 
+TEST_F(Video, CarriesAComment) {
+  write_frames({1, 2, 3, 4});
+  FrameSequence frames(path("f.####.exr"));
+  frames.keep(std::vector{4, 2, 9});
+  EXPECT_EQ(frames.frames(), (std::vector<int>{2, 4}));
+  VideoOptions options;
+  options.comment = "made of 4711";
+  for (const char* name : {"m.mp4", "m.mov", "m.mkv", "m.webm"}) {
+    EXPECT_FALSE(video_has_comment(path(name), options.comment)) << name;
+    EXPECT_EQ(write_video(frames, path(name), options), 2) << name;
+    EXPECT_TRUE(video_has_comment(path(name), options.comment)) << name;
+    EXPECT_FALSE(video_has_comment(path(name), "made of 4712")) << name;
+  }
+}
+
 TEST_F(Video, ColorsSurviveTheEncoder) {
   Frame f(64, 64);
   Image& color = f.create(layers::color());

@@ -37,6 +37,9 @@ std::uint64_t mesh_memory(const Mesh& m) {
   return n;
 }
 
+/// What integrators keep of a pixel from one round to the next, in bytes.
+constexpr double kSumsOfPixel = 320;
+
 struct Parts {
   double structures = 0, vertices = 0, frames = 0;
   double sum() const { return structures + vertices + frames; }
@@ -65,11 +68,14 @@ Parts estimate(const Shot& shot, const Scene& scene) {
       }
     }
   }
-  double channels = 0;
+  double channels = 0, work = 0;
   const auto integrator = find_integrator(shot.integrator).make(shot.params);
   for (const LayerDesc& d : integrator->outputs(s)) channels += d.channel_count();
+  for (const LayerDesc& d : integrator->work_layers(s)) work += d.channel_count();
   // One frame renders, one waits to be written, one is being written together with its encoded form.
-  p.frames = 4.0 * channels * double(s.x1() - s.x0()) * double(s.y1() - s.y0()) * sizeof(float);
+  const double pixels = double(s.x1() - s.x0()) * double(s.y1() - s.y0());
+  p.frames = (4.0 * channels + work) * pixels * sizeof(float);
+  if (integrator->rounds(s) > 1) p.frames += kSumsOfPixel * pixels;
   return p;
 }
 

@@ -25,6 +25,10 @@ void print(std::FILE* out, const std::string& text) {
   std::fflush(out);
 }
 
+void event(const nlohmann::ordered_json& j) {
+  print(stdout, j.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+}
+
 std::string clock_text(double seconds) {
   const long s = long(std::clamp(seconds, 0.0, 1e9) + 0.5);
   return s >= 3600 ? fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60)
@@ -166,12 +170,9 @@ class Bar : public Counting {
 
 class Json : public Counting {
  public:
-  Json() : Counting(1) {}
+  explicit Json(JobStep step) : Counting(1), step_(std::move(step)) {}
 
  protected:
-  static void event(nlohmann::ordered_json j) {
-    print(stdout, j.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
-  }
   static nlohmann::ordered_json totals(const RenderTotals& t) {
     return {{"samples", t.samples}, {"rays", t.rays}, {"shadow_rays", t.shadow_rays}, {"bad_samples", t.bad_samples}};
   }
@@ -188,7 +189,10 @@ class Json : public Counting {
   }
   void frame_started() override { event({{"event", "frame"}, {"frame", frame_}, {"index", index_}, {"of", frames_}}); }
   void update() override {
-    event({{"event", "progress"}, {"frame", frame_}, {"percent", 100 * fraction()}, {"seconds_left", seconds_left()}});
+    event({{"event", "progress"},
+           {"frame", frame_},
+           {"percent", 100 * step_.share(fraction())},
+           {"seconds_left", seconds_left()}});
   }
   void frame_done(const FrameReport& r) override {
     nlohmann::ordered_json j{{"event", "done"}, {"frame", r.frame}, {"seconds", r.seconds}, {"path", r.path}};
@@ -201,17 +205,20 @@ class Json : public Counting {
     j.update(totals(r.totals));
     event(std::move(j));
   }
+
+ private:
+  JobStep step_;
 };
 
 class OpenJd : public Counting {
  public:
-  OpenJd() : Counting(1) {}
+  explicit OpenJd(JobStep step) : Counting(1), step_(std::move(step)) {}
 
  protected:
-  void progress() { print(stdout, fmt::format("openjd_progress: {:.2f}\n", 100 * fraction())); }
+  void progress() const { progress_line(fraction()); }
   void started(const RenderPlan& p) override {
-    print(stdout, fmt::format("openjd_progress: 0\nopenjd_status: {} frames to render, {} finished before\n",
-                              p.frames.size(), p.skipped));
+    progress_line(0);
+    print(stdout, fmt::format("openjd_status: {} frames to render, {} finished before\n", p.frames.size(), p.skipped));
   }
   void frame_started() override {
     print(stdout, fmt::format("openjd_status: frame {} ({} of {})\n", frame_, index_, frames_));
@@ -224,6 +231,12 @@ class OpenJd : public Counting {
   void finished(const RenderReport& r) override {
     print(stdout, fmt::format("openjd_status: {} frames done in {}\n", r.frames.size(), clock_text(r.seconds)));
   }
+
+ private:
+  void progress_line(double part) const {
+    print(stdout, fmt::format("openjd_progress: {:.2f}\n", 100 * step_.share(part)));
+  }
+  JobStep step_;
 };
 
 }  // namespace
@@ -244,7 +257,28 @@ ProgressKind parse_progress(std::string_view text) {
               fmt::format("unknown kind of progress \"{}\"; known: {}", text, nearest_names(text, names)));
 }
 
-std::unique_ptr<RenderObserver> make_progress(ProgressKind kind) {
+void announce_step(ProgressKind kind, const JobStep& step) {
+  if (kind == ProgressKind::kJson) {
+    event({{"event", "step"}, {"step", step.name}, {"number", step.number}, {"of", step.of}});
+  } else if (kind == ProgressKind::kOpenJd) {
+    print(stdout, fmt::format("openjd_status: step {} of {}: {}\n", step.number, step.of, step.name));
+  } else {
+    log_info(fmt::format("step {} of {}: {}", step.number, step.of, step.name));
+  }
+}
+
+void announce_results(ProgressKind kind, std::span<const JobResult> results) {
+  if (kind == ProgressKind::kJson) {
+    nlohmann::ordered_json list = nlohmann::ordered_json::array();
+    for (const JobResult& r : results) list.push_back({{"step", r.step}, {"seconds", r.seconds}, {"path", r.path}});
+    event({{"event", "result"}, {"steps", list}});
+    return;
+  }
+  if (kind == ProgressKind::kOpenJd) print(stdout, "openjd_progress: 100.00\n");
+  for (const JobResult& r : results) log_info(fmt::format("{:<12} {:>9.1f} s  {}", r.step, r.seconds, r.path));
+}
+
+std::unique_ptr<RenderObserver> make_progress(ProgressKind kind, const JobStep& step) {
   // A bar written into a file would be one endless line.
   const bool terminal = isatty(STDERR_FILENO);
   if (kind == ProgressKind::kAuto || kind == ProgressKind::kTty)
@@ -253,9 +287,9 @@ std::unique_ptr<RenderObserver> make_progress(ProgressKind kind) {
     case ProgressKind::kTty:
       return std::make_unique<Bar>();
     case ProgressKind::kJson:
-      return std::make_unique<Json>();
+      return std::make_unique<Json>(step);
     case ProgressKind::kOpenJd:
-      return std::make_unique<OpenJd>();
+      return std::make_unique<OpenJd>(step);
     case ProgressKind::kNone:
       return std::make_unique<RenderObserver>();
     default:

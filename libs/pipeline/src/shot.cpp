@@ -6,11 +6,13 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <set>
 
 #include "hash.h"
 #include "tempera/frames/files.h"
 #include "tempera/pipeline/materials.h"
 #include "tempera/scene/default_view.h"
+#include "tempera/stages/reconstruct.h"
 
 namespace tempera {
 
@@ -161,17 +163,18 @@ int find_camera(const ShotConfig& config, const Scene& scene) {
               fmt::format("the scene has no camera \"{}\"; it has: {}", wanted, nearest_names(wanted, names)));
 }
 
-std::vector<int> find_frames(const ShotConfig& config, const Scene& scene, const FrameClock& clock) {
-  if (config.find("frames")) {
-    try {
-      return parse_frame_set(config.get_string("frames"));
-    } catch (const Error& e) {
-      throw Error(config.loc("frames").line > 0 ? ErrorCode::kBadInput : ErrorCode::kUsage, config.loc("frames"),
-                  e.message());
-    }
+std::vector<int> parse_frames(const ShotValue& value) {
+  try {
+    return parse_frame_set(std::get<std::string>(value.value));
+  } catch (const Error& e) {
+    throw Error(value.loc.line > 0 ? ErrorCode::kBadInput : ErrorCode::kUsage, value.loc, e.message());
   }
+}
+
+/// Frames that the scene's animation covers; none if the scene does not say. Errors: Error{kOutOfRange} for too many.
+std::vector<int> animated_frames(const Scene& scene, const FrameClock& clock) {
   // Absolute shutter times mean one picture.
-  if (!(scene.animation.length() > 0) || scene.defaults.exposure) return {clock.first};
+  if (!(scene.animation.length() > 0) || scene.defaults.exposure) return {};
   // Keys are rarely at exact multiples of the frame's duration; a thousandth of a frame decides for "on it".
   const auto frame = [&](double t) { return (t - clock.start) * clock.fps + clock.first; };
   const double first = std::ceil(frame(scene.animation.begin) - 1e-3),
@@ -186,6 +189,43 @@ std::vector<int> find_frames(const ShotConfig& config, const Scene& scene, const
   for (int f = int(first); f <= int(last); ++f) frames.push_back(f);
   if (frames.empty()) frames.push_back(int(first));
   return frames;
+}
+
+void settle_frames(const ShotConfig& config, const Scene& scene, Shot& shot) {
+  const FrameClock& clock = shot.settings.clock;
+  const ShotValue *asked = config.find("frames"), *written = config.find_in_file("frames");
+  std::vector<int> whole;
+  if (written) {
+    whole = parse_frames(*written);
+  } else {
+    try {
+      whole = animated_frames(scene, clock);
+    } catch (const Error&) {
+      if (!asked) throw;  // else the frames that were asked for are all that is known of the sequence
+    }
+  }
+  shot.frames = asked ? parse_frames(*asked) : whole;
+  if (shot.frames.empty()) shot.frames = {clock.first};
+  if (whole.empty()) whole = shot.frames;
+  const auto [first, last] = std::minmax_element(whole.begin(), whole.end());
+  shot.sequence = {*first, *last};
+  const std::set<int> chosen(shot.frames.begin(), shot.frames.end());
+  shot.is_part = std::any_of(whole.begin(), whole.end(), [&](int f) { return !chosen.contains(f); });
+}
+
+void settle_reconstruction(const ShotConfig& config, Shot& shot) {
+  shot.reconstruct = Params(reconstruct_params());
+  for (const ParamSpec& s : reconstruct_params()) {
+    const std::string key = "reconstruct." + s.name;
+    if (const ShotValue* v = config.find(key)) shot.reconstruct.set(s.name, v->value, v->loc);
+  }
+  try {
+    check_reconstruct_params(shot.reconstruct);
+  } catch (const Error& e) {  // of two parameters together
+    throw Error(e.code(), config.loc(config.find("reconstruct.overlap") ? "reconstruct.overlap" : "reconstruct.window"),
+                e.message());
+  }
+  shot.final_output = config.get_string("reconstruct.path");
 }
 
 void settle_classes(const ShotConfig& config, RenderSettings& s) {
@@ -390,11 +430,6 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   Shot shot;
   shot.scene_file = config.input_path("scene");
   shot.source = config.file().empty() ? shot.scene_file : config.file();
-  if (const ShotValue* stages = config.find("stages"); stages && !std::get<std::string>(stages->value).empty()) {
-    throw Error(ErrorCode::kUnknownName, stages->loc,
-                fmt::format("unknown stage \"{}\"; this version has no stages", std::get<std::string>(stages->value)));
-  }
-
   if (scene.cameras.empty()) {
     add_default_camera(scene);
     log_warning(fmt::format("{} has no camera: using one that sees everything", scene.source.string()));
@@ -419,13 +454,16 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   settle_classes(config, s);
   settle_integrator(config, scene.defaults, shot);
 
-  shot.frames = find_frames(config, scene, s.clock);
+  settle_frames(config, scene, shot);
+  settle_reconstruction(config, shot);
   shot.output = config.get_string("output.path");
   shot.write.compression = parse_compression(config.get_string("output.compression"));
   shot.write.half = config.get_bool("output.half");
   shot.write.names = parse_aov_names(config.get_string("output.aov_names"));
+  shot.final_write = shot.write;
   shot.motion_segments = config.get_int("motion_segments");
   shot.video_path = config.get_string("video.path");
+  shot.video_path_is_typed = config.find("video.path") && config.loc("video.path").line == 0;
   shot.video.fps = config.get_double("video.fps") > 0 ? config.get_double("video.fps") : s.clock.fps;
   shot.video.codec = config.get_string("video.codec");
   shot.video.crf = config.get_int("video.crf");
@@ -443,10 +481,8 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   // Which layers an integrator can write is its own knowledge; ask it before a ray is traced.
   try {
     const auto outputs = find_integrator(shot.integrator).make(shot.params)->outputs(s);
-    const bool differences = std::any_of(outputs.begin(), outputs.end(),
-                                         [](const LayerDesc& d) { return d.unit == units::kRadianceDifference; });
-    if (shot.write.half && differences) {
-      log_warning("differences of 16-bit floats are too coarse to reconstruct from: files hold 32-bit floats");
+    if (shot.write.half && has_differences(outputs)) {
+      log_warning("differences of 16-bit floats are too coarse to reconstruct from: rendered files hold 32-bit floats");
       shot.write.half = false;
     }
   } catch (const Error& e) {

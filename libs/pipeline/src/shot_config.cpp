@@ -73,8 +73,12 @@ std::string known_keys(const KeyPath& wanted) {
   if (const OpenTable* t = find_table(wanted[0]); t && wanted[0] != "integrator") {
     return fmt::format("keys of this table are {}.<{}>{}", t->name, t->key_name, t->depth == 2 ? ".<parameter>" : "");
   }
-  std::vector<std::string> names;
-  for (const ShotKey& k : shot_keys()) names.push_back(k.spec.name);
+  std::vector<std::string> names, of_table;
+  for (const ShotKey& k : shot_keys()) {
+    names.push_back(k.spec.name);
+    if (wanted.size() > 1 && k.spec.name.starts_with(wanted[0] + ".")) of_table.push_back(k.spec.name);
+  }
+  if (!of_table.empty()) return "known: " + nearest_names(join_key(wanted), of_table, of_table.size());
   for (const OpenTable& t : shot_tables()) names.push_back(t.name);
   return "known: " + nearest_names(join_key(wanted), names, 5);
 }
@@ -213,6 +217,7 @@ void ShotConfig::set(const KeyPath& key, const ParamValue& value, bool as_text, 
       default:
         out.value = check.get_string(dotted);
     }
+    if (loc.line > 0) file_values_[key] = out;  // only files have lines
     return;
   }
   const OpenTable* open = find_table(key[0]);
@@ -240,6 +245,11 @@ void ShotConfig::assign(const std::string& assignment, const SourceLoc& loc) {
 const ShotValue* ShotConfig::find(const std::string& key) const {
   const auto it = values_.find(parse_key(key));
   return it == values_.end() ? nullptr : &it->second;
+}
+
+const ShotValue* ShotConfig::find_in_file(const std::string& key) const {
+  const auto it = file_values_.find(parse_key(key));
+  return it == file_values_.end() ? nullptr : &it->second;
 }
 
 std::map<KeyPath, ShotValue> ShotConfig::table(const std::string& name) const {

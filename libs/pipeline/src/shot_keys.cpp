@@ -1,14 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 // The keys of shot.toml. What stands here is what --help, docs/shot.md and the parser know.
+#include <algorithm>
+
 #include "tempera/pipeline/shot_config.h"
+#include "tempera/stages/reconstruct.h"
 
 namespace tempera {
 
 namespace {
 constexpr double kMany = 1e300;
 
-const std::vector<ShotKey>& keys() {
-  static const std::vector<ShotKey> table = {
+/// The keys in the order of the manual, but for those of stages.
+std::vector<ShotKey> own_keys() {
+  return {
       // clang-format off
       {{"scene", "", "scene file: Mitsuba XML or glTF; relative to shot.toml"}, "", "FILE", "the file given"},
       {{"camera", "", "camera, by name or by index from 0"}, "--camera", "NAME", "the scene's first or active one"},
@@ -20,7 +24,6 @@ const std::vector<ShotKey>& keys() {
       {{"start", 0.0, "time of `first_frame` on the scene's axis, seconds", -1e9, 1e9}, "", "SECONDS",
        "the scene's start of exposure, else 0"},
       {{"motion_segments", 4, "pieces of a frame between which motion is interpolated", 1, 32}, "", "N"},
-      {{"stages", "", "stages to run on the frames, in this order"}, "", "NAMES", "none", true},
 
       {{"shutter.open", 0.0, "start of exposure, in frames from the frame's time", -10, 10}, "", "FRAMES", "the scene's, else 0"},
       {{"shutter.close", 0.5, "end of exposure; as `open` for no motion blur", -10, 10}, "", "FRAMES", "the scene's, else 0.5"},
@@ -45,7 +48,8 @@ const std::vector<ShotKey>& keys() {
 
       {{"integrator.name", "path", "integrator; its parameters are the other keys of this table, or --param"}, "--integrator", "NAME", "the scene's, else path"},
 
-      {{"output.path", "", "frame files, relative to the current directory; #### stands for the frame number"}, "-o,--output", "PATTERN"},
+      {{"output.path", "", "rendered frames, relative to the current directory; #### stands for the number; for run a folder, too"},
+       "-o,--output", "PATTERN", "for run out/NAME/NAME.####.exr"},
       {{"output.layers", "color", "layers to write beside color; `tempera list layers` names them"}, "--layers", "A,B,C", "", true},
       {{"output.aov_names", "tempera", "whose names the layers get in the file", -kMany, kMany,
         {"tempera", "blender", "arnold", "renderman", "pbrt"}}, "--aov-names", "NAME"},
@@ -59,7 +63,11 @@ const std::vector<ShotKey>& keys() {
       {{"environment.camera_visible", true, "whether the camera sees it"}, "", ""},
       {{"environment.keep", false, "add to the scene's own environment instead of replacing it"}, "", ""},
 
-      {{"video.path", "", "movie that `tempera run` makes of the frames, relative to the current directory"}, "", "FILE"},
+      {{"reconstruct.path", "", "final frames that run makes of the differences of a gradient-domain integrator; as output.path"}, "",
+       "PATTERN", "a folder final beside the rendered frames"},
+
+      {{"video.path", "", "movie that run makes, relative to the current directory"}, "", "FILE",
+       "NAME.mp4 beside the rendered frames"},
       {{"video.fps", 0.0, "frame rate of the movie; 0: that of the shot", 0, 1000}, "", "N"},
       {{"video.codec", "auto", "auto (by the file's ending), h264, hevc, vp9, av1 or ffv1", -kMany, kMany,
         {"auto", "h264", "hevc", "vp9", "av1", "ffv1"}}, "", "NAME"},
@@ -69,11 +77,25 @@ const std::vector<ShotKey>& keys() {
       {{"video.tone_map", "srgb", "from linear to display values", -kMany, kMany, {"srgb", "filmic", "none"}}, "", "NAME"},
       // clang-format on
   };
-  return table;
+}
+
+/// With the parameters of the stages, each below the keys that are the shot's own in its table.
+std::vector<ShotKey> all_keys() {
+  std::vector<ShotKey> all = own_keys();
+  auto at = std::find_if(all.begin(), all.end(), [](const ShotKey& k) { return k.spec.name == "reconstruct.path"; });
+  for (const ParamSpec& s : reconstruct_params()) {
+    ShotKey key{s, ""};
+    key.spec.name = "reconstruct." + s.name;
+    at = all.insert(std::next(at), std::move(key));
+  }
+  return all;
 }
 }  // namespace
 
-std::span<const ShotKey> shot_keys() { return keys(); }
+std::span<const ShotKey> shot_keys() {
+  static const std::vector<ShotKey> table = all_keys();
+  return table;
+}
 
 std::span<const OpenTable> shot_tables() {
   static const std::vector<OpenTable> tables = {

@@ -108,7 +108,7 @@ class Bar : public Counting {
 
 class Json : public Counting {
  public:
-  Json() : Counting(1) {}
+  explicit Json(JobStep step) : Counting(1), step_(std::move(step)) {}
 
  protected:
   static void event(const nlohmann::ordered_json& j) {
@@ -118,7 +118,7 @@ class Json : public Counting {
     event({{"event", "start"}, {"frames", frames}, {"skipped", skipped_}});
   }
   void update() override {
-    event({{"event", "progress"}, {"percent", 100 * share_}, {"seconds_left", seconds_left()}});
+    event({{"event", "progress"}, {"percent", 100 * step_.share(share_)}, {"seconds_left", seconds_left()}});
   }
   void finished_frame(int frame, const std::string& path) override {
     event({{"event", "done"}, {"frame", frame}, {"path", path}});
@@ -126,28 +126,37 @@ class Json : public Counting {
   void end(double seconds) override {
     event({{"event", "end"}, {"frames", done_}, {"skipped", skipped_}, {"seconds", seconds}});
   }
+
+ private:
+  JobStep step_;
 };
 
 class OpenJd : public Counting {
  public:
-  OpenJd() : Counting(1) {}
+  explicit OpenJd(JobStep step) : Counting(1), step_(std::move(step)) {}
 
  protected:
   void started(const std::vector<int>& frames) override {
-    print(stdout, fmt::format("openjd_progress: 0\nopenjd_status: {} frames to do, {} finished before\n", frames.size(),
-                              skipped_));
+    progress_line(0);
+    print(stdout, fmt::format("openjd_status: {} frames to do, {} finished before\n", frames.size(), skipped_));
   }
-  void update() override { print(stdout, fmt::format("openjd_progress: {:.2f}\n", 100 * share_)); }
+  void update() override { progress_line(share_); }
   void finished_frame(int frame, const std::string& path) override { print(stdout, done_line(frame, path)); }
   void end(double seconds) override {
-    print(stdout,
-          fmt::format("openjd_progress: 100\nopenjd_status: {} frames done in {:.0f} seconds\n", done_, seconds));
+    progress_line(1);
+    print(stdout, fmt::format("openjd_status: {} frames done in {:.0f} seconds\n", done_, seconds));
   }
+
+ private:
+  void progress_line(double part) const {
+    print(stdout, fmt::format("openjd_progress: {:.2f}\n", 100 * step_.share(part)));
+  }
+  JobStep step_;
 };
 
 }  // namespace
 
-std::unique_ptr<StageObserver> make_stage_progress(ProgressKind kind) {
+std::unique_ptr<StageObserver> make_stage_progress(ProgressKind kind, const JobStep& step) {
   // A bar written into a file would be one endless line.
   if (kind == ProgressKind::kAuto || kind == ProgressKind::kTty) {
     kind = isatty(STDERR_FILENO) ? ProgressKind::kTty : ProgressKind::kPlain;
@@ -156,9 +165,9 @@ std::unique_ptr<StageObserver> make_stage_progress(ProgressKind kind) {
     case ProgressKind::kTty:
       return std::make_unique<Bar>();
     case ProgressKind::kJson:
-      return std::make_unique<Json>();
+      return std::make_unique<Json>(step);
     case ProgressKind::kOpenJd:
-      return std::make_unique<OpenJd>();
+      return std::make_unique<OpenJd>(step);
     case ProgressKind::kNone:
       return std::make_unique<StageObserver>();
     default:

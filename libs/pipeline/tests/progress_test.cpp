@@ -6,6 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "tempera/pipeline/stage_progress.h"
+
 namespace tempera {
 namespace {
 
@@ -56,9 +58,26 @@ TEST(Progress, JsonIsOneObjectPerLine) {
 
 TEST(Progress, OpenJobDescriptionLines) {
   const std::string text = transcript(ProgressKind::kOpenJd);
-  EXPECT_EQ(text.find("openjd_progress: 0\n"), 0u) << text;
+  EXPECT_EQ(text.find("openjd_progress: 0.00\n"), 0u) << text;
   EXPECT_NE(text.find("openjd_status: frame 2 (2 of 2)\n"), std::string::npos) << text;
   EXPECT_NE(text.find("openjd_progress: 100.00\n"), std::string::npos) << text;
+}
+
+TEST(Progress, StepsOfAJobShareItsPercentage) {
+  testing::internal::CaptureStdout();
+  const JobStep step{"reconstruct", 2, 3, 0.5, 0.9};
+  announce_step(ProgressKind::kOpenJd, step);
+  make_progress(ProgressKind::kOpenJd, step)->begin({});
+  const auto stage = make_stage_progress(ProgressKind::kOpenJd, step);
+  stage->begin({1}, {});
+  stage->end(1);
+  announce_results(ProgressKind::kJson, std::vector<JobResult>{{"render", 1.5, "f.####.exr"}});
+  EXPECT_EQ(testing::internal::GetCapturedStdout(),
+            "openjd_status: step 2 of 3: reconstruct\n"
+            "openjd_progress: 50.00\nopenjd_status: 0 frames to render, 0 finished before\n"
+            "openjd_progress: 50.00\nopenjd_status: 1 frames to do, 0 finished before\n"
+            "openjd_progress: 90.00\nopenjd_status: 0 frames done in 1 seconds\n"
+            "{\"event\":\"result\",\"steps\":[{\"step\":\"render\",\"seconds\":1.5,\"path\":\"f.####.exr\"}]}\n");
 }
 
 TEST(Progress, PlainLinesWhereThereIsNoTerminal) {

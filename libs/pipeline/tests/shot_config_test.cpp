@@ -58,6 +58,8 @@ TEST(ShotConfig, CommandLineReplacesTheFile) {
   c.assign("materials.\"a=b\".type=diffuse");
   EXPECT_EQ(c.get_int("sampling.spp"), 99);
   EXPECT_EQ(c.loc("sampling.spp").file, "<command line>");
+  EXPECT_EQ(std::get<int>(c.find_in_file("sampling.spp")->value), 12);
+  EXPECT_EQ(c.find_in_file("film.resolution"), nullptr);
   EXPECT_EQ(c.get_string("film.filter"), "tent");
   EXPECT_EQ(to_text(c.table("materials").at({"My.Glass", "type"}).value), "dielectric");
   EXPECT_EQ(to_text(c.table("materials").at({"a=b", "type"}).value), "diffuse");
@@ -87,6 +89,9 @@ INSTANTIATE_TEST_SUITE_P(
     All, ShotConfigErrors,
     testing::Values(Bad{"scene = \"a\"\ncamra = \"b\"\n", ErrorCode::kUnknownName, 2, 1, "known: camera"},
                     Bad{"[film]\nresolutoin = [1, 2]\n", ErrorCode::kUnknownName, 2, 1, "known: film.resolution"},
+                    Bad{"[reconstruct]\nalhpa = 1\n", ErrorCode::kUnknownName, 2, 1,
+                        "known: reconstruct.alpha, reconstruct.path, "},
+                    Bad{"[reconstruct]\nnorm = \"l3\"\n", ErrorCode::kUnknownName, 2, 8, "l1, l2"},
                     Bad{"[flim]\nfilter = \"box\"\n", ErrorCode::kUnknownName, 1, 2, "known: film"},
                     Bad{"[film.filter]\nname = \"box\"\n", ErrorCode::kUnknownName, 1, 7, "unknown table"},
                     Bad{"[sampling]\nspp = \"many\"\n", ErrorCode::kBadInput, 2, 7, "expected a integer"},

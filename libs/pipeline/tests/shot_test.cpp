@@ -104,6 +104,30 @@ TEST(Shot, AnotherIntegratorLeavesOutWhatItDoesNotHave) {
   EXPECT_THROW(settle_shot(c, s), Error);
 }
 
+TEST(Shot, TheSequenceIsWhatTheFileSaysAndFramesAPartOfIt) {
+  ShotConfig c;
+  c.read_text("scene=\"scene.xml\"\nframes=\"1001-1240\"\n", "shot.toml", ".");
+  Scene s = scene();
+  EXPECT_EQ(settle_shot(c, s).sequence, (FrameRange{1001, 1240}));
+  EXPECT_FALSE(settle_shot(c, s).is_part);
+  c.set_text("frames", "1051-1100");
+  const Shot part = settle_shot(c, s);
+  EXPECT_EQ(part.sequence, (FrameRange{1001, 1240}));
+  EXPECT_EQ(part.frames.size(), 50u);
+  EXPECT_TRUE(part.is_part);
+
+  ShotConfig unsaid;
+  unsaid.set_text("scene", "scene.xml");
+  unsaid.set_text("frames", "7-9");
+  EXPECT_EQ(settle_shot(unsaid, s).sequence, (FrameRange{7, 9})) << "the scene does not move";
+  EXPECT_FALSE(settle_shot(unsaid, s).is_part);
+  s.animation = {0, 1};
+  EXPECT_EQ(settle_shot(unsaid, s).sequence, (FrameRange{0, 24}));
+  EXPECT_TRUE(settle_shot(unsaid, s).is_part);
+  s.animation = {0, 1e9};
+  EXPECT_EQ(settle_shot(unsaid, s).sequence, (FrameRange{7, 9})) << "too long to mean it";
+}
+
 TEST(Shot, FramesFollowTheAnimation) {
   Scene s = scene();
   s.animation = {1.0 / 24, 1.0};  // as Blender writes it: no key at 0
@@ -176,7 +200,8 @@ INSTANTIATE_TEST_SUITE_P(
         Bad{"[materials.Paint]\ntype = \"diffuse\"\nior = 2\n", ErrorCode::kUnknownName, 4, "reflectance"},
         Bad{"[materials.Paint]\ntype = \"diffuse\"\nreflectance = \"red\"\n", ErrorCode::kBadInput, 4,
             "neither a color"},
-        Bad{"stages = [\"denoise\"]\n", ErrorCode::kUnknownName, 2, "no stages"}));
+        Bad{"[reconstruct]\nwindow = 8\noverlap = 8\n", ErrorCode::kOutOfRange, 4, "more than 8"},
+        Bad{"[reconstruct]\nwindow = 1.5\n", ErrorCode::kBadInput, 3, "integer"}));
 
 TEST(Shot, ReplacesEnvironmentAndMaterials) {
   Scene s = scene();

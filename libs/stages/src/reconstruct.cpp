@@ -25,10 +25,8 @@
 namespace tempera {
 namespace {
 
-const std::string kSettingsKey = "tempera/reconstruct", kCommandKey = "tempera/reconstruct_command",
-                  kFingerprintKey = "tempera/reconstruct_fingerprint";
-const std::string kRenderFingerprintKey = "tempera/fingerprint", kCameraKey = "tempera/camera",
-                  kCropLeftKey = "tempera/crop_left", kCropTopKey = "tempera/crop_top";
+const std::string kSettingsKey = "tempera/reconstruct", kCommandKey = "tempera/reconstruct_command";
+const std::string kCameraKey = "tempera/camera", kCropLeftKey = "tempera/crop_left", kCropTopKey = "tempera/crop_top";
 
 const std::vector<ParamSpec> kParams = {
     {"norm", std::string("l1"), "l1: robust, slightly biased; l2: unbiased", -1e300, 1e300, {"l1", "l2"}},
@@ -71,7 +69,8 @@ enum class RowWeights { kUniform, kLocal, kVariance };
 
 /// Parameters in the form in which the driver needs them.
 struct Settings {
-  explicit Settings(const Params& p) {
+  /// `temporal`: whether the frames have an offset pass; without it there is nothing that windows could share.
+  Settings(const Params& p, bool temporal) {
     poisson = p.get_string("schedule") == "published" ? PoissonSettings::published() : PoissonSettings{};
     poisson.norm = p.get_string("norm") == "l1" ? PoissonNorm::kL1 : PoissonNorm::kL2;
     poisson.weights.alpha = float(p.get_double("alpha"));
@@ -91,7 +90,9 @@ struct Settings {
           ErrorCode::kOutOfRange,
           fmt::format("an overlap of {} frames needs windows of more than {}, not of {}", overlap, overlap, window));
     }
-    if (rows == "none") window = 1, overlap = 0;
+    if (rows == "none" || !temporal) window = 1, overlap = 0;
+    // Frames alone have no differences over time that could be weighted.
+    if (window == 1 && weights == RowWeights::kLocal) weights = RowWeights::kUniform;
   }
   PoissonSettings poisson;
   MotionRunOptions runs;
@@ -126,6 +127,11 @@ struct Input {
   bool cropped = false;
   std::string camera;
 };
+
+bool has_layer(std::span<const LayerDesc> layers, const LayerDesc& layer) {
+  return std::any_of(layers.begin(), layers.end(), [&](const LayerDesc& d) { return d.name == layer.name; });
+}
+bool has_offset_pass(std::span<const LayerDesc> layers) { return has_layer(layers, layers::offset(layers::color())); }
 
 template <class T>
 std::optional<T> metadata_value(const Metadata& m, const std::string& key) {
@@ -165,8 +171,7 @@ class Reader {
     const FrameHeader header = read_header(sequence.path(first));
     width_ = header.width, height_ = header.height;
     first_path_ = sequence.path(first);
-    temporal_ = std::any_of(header.layers.begin(), header.layers.end(),
-                            [](const LayerDesc& d) { return d.name == layers::offset(layers::color()).name; });
+    temporal_ = has_offset_pass(header.layers);
   }
   int width() const { return width_; }
   int height() const { return height_; }
@@ -432,17 +437,11 @@ class FrameBuffer {
   std::unique_ptr<Input> last_read_;
 };
 
-/// Layers of the input that the output does not hold: data of the reconstruction, and statistics of the old `color`.
-bool is_left_out(const std::string& name) {
-  return name.starts_with("offset.") || name.starts_with("grad.") || name == layers::color_a().name ||
-         name == layers::color_b().name || name == layers::color_variance().name;
-}
-
 void write_output(const std::string& from, const std::string& to, const PlanarFrames& x, const Metadata& more,
                   const WriteOptions& options) {
   ReadOptions read;
   for (const LayerDesc& d : read_header(from).layers) {
-    if (!is_left_out(d.name)) read.layers.push_back(d.name);
+    if (survives_reconstruction(d.name)) read.layers.push_back(d.name);
   }
   Frame frame = read_frame(from, read);
   Image& color = frame.layer(layers::color().name);
@@ -454,18 +453,9 @@ void write_output(const std::string& from, const std::string& to, const PlanarFr
         }
       },
       16);
-  frame.metadata.erase(kRenderFingerprintKey);  // the file is no longer what a render would write
+  frame.metadata.erase(kFingerprintKey);  // the file is no longer what a render would write
   for (const auto& [key, value] : more) frame.metadata[key] = value;
   write_frame(to, frame, options);
-}
-
-/// Identity of the content of an input file: what its renderer said, else when it was written.
-std::string identity(const std::string& path) {
-  const Metadata m = read_metadata(path);
-  if (const auto print = metadata_value<std::string>(m, kRenderFingerprintKey)) return *print;
-  std::error_code ignored;
-  const auto time = std::filesystem::last_write_time(path, ignored).time_since_epoch().count();
-  return fmt::format("{}:{}", std::filesystem::file_size(path, ignored), time);
 }
 
 std::string hash_of(const std::string& text) {
@@ -478,7 +468,7 @@ bool is_finished(const std::string& path, const std::string& fingerprint) {
   std::error_code ignored;
   if (!std::filesystem::exists(path, ignored)) return false;
   try {
-    if (metadata_value<std::string>(read_metadata(path), kFingerprintKey) != fingerprint) return false;
+    if (metadata_value<std::string>(read_metadata(path), kReconstructFingerprintKey) != fingerprint) return false;
     read_frame(path);  // the header of a truncated file is whole; only its pixels tell
     return true;
   } catch (const Error&) {
@@ -500,11 +490,21 @@ struct WindowGrid {
   int end(int k) const { return k * step + length - 1; }  ///< its last frame
   int first_with(int frame) const { return floor_div(frame - length, step) + 1; }
   int last_with(int frame) const { return floor_div(frame, step); }
+  /// The frames of window k that the sequence has.
+  FrameRange clipped(int k, const FrameRange& sequence) const {
+    return {std::max(begin(k), sequence.first), std::min(end(k), sequence.last)};
+  }
+  /// The frames that share a window with `frame`.
+  FrameRange around(int frame, const FrameRange& sequence) const {
+    return {clipped(first_with(frame), sequence).first, clipped(last_with(frame), sequence).last};
+  }
 };
 
 }  // namespace
 
 std::span<const ParamSpec> reconstruct_params() { return kParams; }
+
+void check_reconstruct_params(const Params& params) { const Settings settings(params, true); }
 
 std::vector<FrameRange> reconstruction_windows(const FrameRange& segment, int length, int overlap) {
   TEMPERA_ASSERT(overlap >= 0 && overlap < length && segment.first <= segment.last);
@@ -517,6 +517,28 @@ std::vector<FrameRange> reconstruction_windows(const FrameRange& segment, int le
   return out;
 }
 
+bool has_differences(std::span<const LayerDesc> layers) {
+  return has_layer(layers, layers::grad_x()) && has_layer(layers, layers::grad_y());
+}
+
+std::vector<int> reconstruction_inputs(std::span<const int> frames, const FrameRange& sequence, const Params& params,
+                                       std::span<const LayerDesc> layers) {
+  const Settings settings(params, has_offset_pass(layers));
+  const WindowGrid grid{settings.window, settings.window - settings.overlap};
+  std::set<int> inputs;
+  for (const int f : frames) {
+    TEMPERA_ASSERT(sequence.contains(f));
+    const FrameRange range = grid.around(f, sequence);
+    for (int g = range.first; g <= range.last; ++g) inputs.insert(g);
+  }
+  return {inputs.begin(), inputs.end()};
+}
+
+bool survives_reconstruction(const std::string& layer) {
+  return !layer.starts_with("offset.") && !layer.starts_with("grad.") && layer != layers::color_a().name &&
+         layer != layers::color_b().name && layer != layers::color_variance().name;
+}
+
 double window_weight(int frame, int begin, int length) {
   const double k = frame - begin + 1;
   return 0.5 * (1 + std::cos(2 * kPiD * (k - 0.5 * (length + 1)) / length));
@@ -525,7 +547,6 @@ double window_weight(int frame, int begin, int length) {
 ReconstructReport reconstruct(const FrameSequence& input, const std::string& output, const ReconstructOptions& options,
                               StageObserver& observer, std::stop_token stop) {
   const auto start = std::chrono::steady_clock::now();
-  Settings settings(options.params);
   const std::vector<int>& have = input.frames();
   std::vector<int> wanted = options.frames.empty() ? have : options.frames;
   std::sort(wanted.begin(), wanted.end());
@@ -546,21 +567,16 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
     }
   }
 
-  const Reader reader(input, wanted.front(), settings.weights == RowWeights::kVariance);
-  if (!reader.temporal()) settings.window = 1, settings.overlap = 0;
-  if (settings.window == 1 && settings.weights == RowWeights::kLocal) settings.weights = RowWeights::kUniform;
+  const Reader reader(input, wanted.front(), options.params.get_string("weights") == "variance");
+  const Settings settings(options.params, reader.temporal());
   const WindowGrid grid{settings.window, settings.window - settings.overlap};
-  const int sequence_first = have.front(), sequence_last = have.back();
-  const auto clip = [&](int k) {
-    return FrameRange{std::max(grid.begin(k), sequence_first), std::min(grid.end(k), sequence_last)};
-  };
+  const FrameRange sequence = options.sequence.value_or(FrameRange{have.front(), have.back()});
   if (settings.window > 1) {
     std::set<int> missing;
     for (const int f : wanted) {
-      for (int k = grid.first_with(f); k <= grid.last_with(f); ++k) {
-        for (int g = clip(k).first; g <= clip(k).last; ++g) {
-          if (!input.has(g)) missing.insert(g);
-        }
+      const FrameRange range = grid.around(f, sequence);
+      for (int g = range.first; g <= range.last; ++g) {
+        if (!input.has(g)) missing.insert(g);
       }
     }
     if (!missing.empty()) {
@@ -574,17 +590,27 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
   // The files that a frame depends on, and so whether it has to be done.
   std::map<int, std::string> identities;
   const auto fingerprint = [&](int f) {
-    std::string text = fmt::format("{}\n{}\n", TEMPERA_VERSION, options.params.canonical());
-    for (int g = clip(grid.first_with(f)).first; g <= clip(grid.last_with(f)).last; ++g) {
+    const WriteOptions& w = options.write;
+    std::string text = fmt::format("{}\n{}\nhalf={} names={} lossy={}\n", TEMPERA_VERSION, options.params.canonical(),
+                                   w.half, int(w.names), w.compression == Compression::kDwaa);
+    const FrameRange range = grid.around(f, sequence);
+    for (int g = range.first; g <= range.last; ++g) {
       auto [it, fresh] = identities.try_emplace(g);
-      if (fresh) it->second = identity(input.path(g));
+      if (fresh) it->second = content_identity(input.path(g));
       text += fmt::format("{} {}\n", g, it->second);
     }
     return hash_of(text);
   };
   ReconstructReport report;
+  const auto check_stop = [&] {
+    if (stop.stop_requested()) {
+      throw Error(ErrorCode::kCancelled, fmt::format("stopped; {} of {} frames are done, --resume continues",
+                                                     report.frames.size() + report.skipped.size(), wanted.size()));
+    }
+  };
   std::map<int, std::string> targets;  // frame -> fingerprint
   for (const int f : wanted) {
+    check_stop();
     const std::string print = fingerprint(f);
     if (options.resume && is_finished(out_path(f), print)) {
       report.skipped.push_back(f);
@@ -607,12 +633,6 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
     const TemporaryFile probe(out_path(targets.begin()->first));  // what cannot be written is known before the work
   }
 
-  const auto check_stop = [&] {
-    if (stop.stop_requested()) {
-      throw Error(ErrorCode::kCancelled, fmt::format("stopped; {} of {} frames are done, --resume continues",
-                                                     report.frames.size() + report.skipped.size(), wanted.size()));
-    }
-  };
   FrameBuffer buffer(reader, settings.runs, settings.weights);
   struct Blend {
     PlanarFrames mean;
@@ -625,7 +645,7 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
       observer.progress((double(n) + share) / double(windows.size()));
       check_stop();
     };
-    const FrameRange range = clip(k);
+    const FrameRange range = grid.clipped(k, sequence);
     constexpr double kReading = 0.1;  // a guess at its share of the time
     double read = 0;
     buffer.hold(range.first, range.last, [&] { progress(kReading * read++ / (range.last - range.first + 1)); });
@@ -639,7 +659,7 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
       const auto target = targets.lower_bound(piece.first);
       if (target == targets.end() || target->first > piece.last) continue;
       bool goes_on = false;
-      if (piece.first >= grid.begin(k) + grid.step && last == range.last && last < sequence_last) {
+      if (piece.first >= grid.begin(k) + grid.step && last == range.last && last < sequence.last) {
         buffer.hold(range.first, last + 1, check_stop);
         goes_on = buffer.continues(last + 1);
       }
@@ -673,11 +693,11 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
       }
     }
     // Frames that no later window covers are final.
-    const int open = n + 1 < windows.size() ? grid.begin(windows[n + 1]) : sequence_last + 1;
+    const int open = n + 1 < windows.size() ? grid.begin(windows[n + 1]) : sequence.last + 1;
     while (!blends.empty() && blends.begin()->first < open) {
       const int f = blends.begin()->first;
       const std::string path = out_path(f);
-      Metadata more{{kSettingsKey, options.params.canonical()}, {kFingerprintKey, targets.at(f)}};
+      Metadata more{{kSettingsKey, options.params.canonical()}, {kReconstructFingerprintKey, targets.at(f)}};
       if (!options.command.empty()) more[kCommandKey] = options.command;
       write_output(input.path(f), path, blends.begin()->second.mean, more, options.write);
       report.frames.push_back(f);

@@ -51,6 +51,46 @@ TEST(ReconstructionWindows, CoverAllFramesAndDoNotContainEachOther) {
   }
 }
 
+TEST(ReconstructionInputs, AreTheFramesThatShareAWindow) {
+  const std::vector<LayerDesc> space{layers::color(), layers::grad_x(), layers::grad_y()};
+  std::vector<LayerDesc> space_and_time = space;
+  space_and_time.push_back(layers::offset(layers::color()));
+  Params params(reconstruct_params());
+  const FrameRange sequence{1, 240};
+  const auto range = [](int first, int last) {
+    std::vector<int> out;
+    for (int f = first; f <= last; ++f) out.push_back(f);
+    return out;
+  };
+  const auto inputs = [&](const std::vector<int>& frames, const std::vector<LayerDesc>& layers) {
+    return reconstruction_inputs(frames, sequence, params, layers);
+  };
+  EXPECT_EQ(inputs(range(1, 50), space_and_time), range(1, 59));
+  EXPECT_EQ(inputs(range(51, 100), space_and_time), range(45, 109));
+  EXPECT_EQ(inputs(range(50, 99), space_and_time), range(45, 104));
+  EXPECT_EQ(inputs({240}, space_and_time), range(235, 240));
+  EXPECT_EQ(inputs({9, 3}, space), (std::vector<int>{3, 9}));
+  params.set("temporal_rows", std::string("none"));
+  EXPECT_EQ(inputs({9, 3}, space_and_time), (std::vector<int>{3, 9}));
+  EXPECT_TRUE(has_differences(space));
+  EXPECT_FALSE(has_differences(std::vector{layers::color()}));
+
+  // All of every window that holds the frame, for any length.
+  for (const auto& [length, overlap] : {std::pair{10, 5}, {10, 9}, {7, 2}, {4, 0}}) {
+    Params p(reconstruct_params());
+    p.set("window", length);
+    p.set("overlap", overlap);
+    for (int f = 1; f <= 30; ++f) {
+      std::set<int> all;
+      for (const FrameRange& w : reconstruction_windows({1, 30}, length, overlap)) {
+        for (int g = w.first; w.contains(f) && g <= w.last; ++g) all.insert(g);
+      }
+      const auto read = reconstruction_inputs(std::vector{f}, {1, 30}, p, space_and_time);
+      EXPECT_EQ(std::set<int>(read.begin(), read.end()), all) << f;
+    }
+  }
+}
+
 TEST(ReconstructionWindows, WeightsAreAHannWindow) {
   double sum = 0;
   for (int k = 0; k < 10; ++k) {

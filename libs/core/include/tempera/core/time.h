@@ -18,6 +18,13 @@ struct TimeSpan {
 
 enum class ShutterShape { kBox, kTrapezoid, kCurve };
 
+/// Consecutive frames, first to last, numbered as the files are; first <= last.
+struct FrameRange {
+  int first = 0, last = 0;
+  bool contains(int frame) const { return first <= frame && frame <= last; }
+  bool operator==(const FrameRange&) const = default;
+};
+
 /// When light reaches the film within a frame. Fractions of a frame relative to the frame's time.
 struct Shutter {
   double open = 0;     ///< start of exposure

@@ -97,5 +97,8 @@ struct FrameHeader {
 FrameHeader read_header(const std::string& path, const ReadOptions& options = {});
 /// Metadata alone. Errors: as read_frame.
 Metadata read_metadata(const std::string& path);
+/// Identity of the content of a frame file: the fingerprint in it, else its size and when it was written.
+/// Errors: as read_frame.
+std::string content_identity(const std::string& path);
 
 }  // namespace tempera

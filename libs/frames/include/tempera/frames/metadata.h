@@ -31,6 +31,11 @@ inline constexpr const char* kMotionConvention =
     "pixels, x right, y down; backward = previous - current, forward = next - current; Z = depth change in meters; "
     "V = 1 where valid";
 
+/// Attributes that identify the content of a file by everything that it was computed from: of a rendered frame, and of
+/// a reconstructed one, which has no longer the former. `--resume` and what is made of the files go by them.
+inline constexpr const char *kFingerprintKey = "tempera/fingerprint",
+                            *kReconstructFingerprintKey = "tempera/reconstruct_fingerprint";
+
 /// How a frame was rendered: the attributes "tempera/<field>". The text fields are free of meaning to this module.
 struct RenderInfo {
   std::string version;     ///< of the program

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Numbered files on disk: which frames of a sequence exist, and what they are called.
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -21,6 +22,8 @@ class FrameSequence {
   /// Frame numbers in ascending order.
   const std::vector<int>& frames() const { return frames_; }
   bool has(int frame) const;
+  /// Leaves only those of `frames` that exist.
+  void keep(std::span<const int> frames);
   /// Path of a frame, whether it exists or not.
   std::string path(int frame) const;
   /// The pattern that `path` fills in, or the name of the single file.

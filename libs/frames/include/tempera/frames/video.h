@@ -20,7 +20,11 @@ struct VideoOptions {
   DisplayOptions display;
   std::string layer = "color";    ///< layer of the frames to show
   std::string ffmpeg = "ffmpeg";  ///< program, looked up in PATH
+  std::string comment;            ///< text that the file carries as its comment; empty: none
 };
+
+/// Refuses what VideoWriter would refuse before it got a picture. Errors: its Error{kUsage | kOutOfRange}.
+void check_video(const std::string& path, const VideoOptions& options);
 
 /// Writes one movie, picture by picture. The file appears under its name when `finish` returns; without it nothing
 /// stays. Errors, of all members: Error{kMissingFile} if ffmpeg is not installed, Error{kUsage} for a file name that
@@ -41,6 +45,10 @@ class VideoWriter {
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// Whether the file `path` exists and holds `comment` as VideoOptions::comment wrote it. Reads all of the file, but
+/// decodes nothing. Pre: `comment` is not empty. Errors: as read_file.
+bool video_has_comment(const std::string& path, const std::string& comment);
 
 /// Called after each picture with how many of all are done. Throw Error{kCancelled} from it to stop.
 using VideoProgress = std::function<void(int done, int total)>;

@@ -64,6 +64,7 @@ class RenderObserver {
 struct RenderOptions {
   /// Skip frames whose file is complete and has the same fingerprint; continue those that were interrupted.
   bool resume = false;
+  std::vector<int> reuse;           ///< frames that are skipped like this without `resume`, too
   double checkpoint_seconds = 600;  ///< between checkpoints of a frame in progress; 0: only when stopped
   std::string command;              ///< for the metadata
 };

@@ -23,10 +23,18 @@ struct Shot {
   std::string integrator = "path";
   Params params;            ///< of the integrator
   std::vector<int> frames;  ///< in rendering order, each once
-  std::string output;       ///< pattern, see frame_path; empty: the command must name one
-  WriteOptions write;
-  int motion_segments = 4;  ///< knots of the motion grid per frame
-  std::string video_path;   ///< movie that `tempera run` makes of the frames; empty: none
+  /// First and last frame of the whole sequence, of which `frames` may be a part: where shot.toml or the scene says
+  /// what the frames are, the command line chooses among them. What is computed over several frames goes by this.
+  FrameRange sequence;
+  bool is_part = false;              ///< the sequence has frames that `frames` leaves out
+  std::string output;                ///< pattern, see frame_path; empty: none is named
+  WriteOptions write;                ///< of the files that are rendered
+  int motion_segments = 4;           ///< knots of the motion grid per frame
+  Params reconstruct;                ///< of the stage
+  std::string final_output;          ///< pattern of the reconstructed frames; empty: none is named
+  WriteOptions final_write;          ///< of the frames that are the result
+  std::string video_path;            ///< of the movie; empty: none is named
+  bool video_path_is_typed = false;  ///< on the command line, so for just these frames
   VideoOptions video;
   std::string edits;  ///< canonical text of what was changed in the scene (environment, materials)
 };

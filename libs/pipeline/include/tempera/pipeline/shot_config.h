@@ -63,6 +63,8 @@ class ShotConfig {
 
   /// The value of a fixed key, if it was given.
   const ShotValue* find(const std::string& key) const;
+  /// The value that the file gave, whether or not the command line replaced it.
+  const ShotValue* find_in_file(const std::string& key) const;
   /// Values of an open table by their keys without the table's name: {"dd"}, or for depth 2 {"Glass", "ior"}.
   std::map<KeyPath, ShotValue> table(const std::string& name) const;
   /// The table's default for a fixed key that was not given. Pre: the key exists.
@@ -88,7 +90,7 @@ class ShotConfig {
  private:
   const ParamValue& get(const std::string& key) const;
   void set(const KeyPath& key, const ParamValue& value, bool as_text, const SourceLoc& loc, const SourceLoc& key_loc);
-  std::map<KeyPath, ShotValue> values_;
+  std::map<KeyPath, ShotValue> values_, file_values_;
   std::filesystem::path file_, folder_;
   bool sandbox_ = false;
 };

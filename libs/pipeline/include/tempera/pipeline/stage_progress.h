@@ -10,6 +10,6 @@ namespace tempera {
 
 /// A bar, lines, JSON events or Open Job Description lines, as `kind` says; where they go is as for renders. While it
 /// lives, a bar steps aside for log lines.
-std::unique_ptr<StageObserver> make_stage_progress(ProgressKind kind);
+std::unique_ptr<StageObserver> make_stage_progress(ProgressKind kind, const JobStep& step = {});
 
 }  // namespace tempera

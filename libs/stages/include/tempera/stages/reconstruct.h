@@ -7,12 +7,14 @@
 // `offset.grad.x`, `offset.grad.y` (the offset pass O_t, which replays the random numbers of frame t - 1),
 // `offset.source` (the pixel of frame t - 1 whose numbers a pixel replays) and `offset.samples`.
 #include <functional>
+#include <optional>
 #include <span>
 #include <stop_token>
 #include <string>
 #include <vector>
 
 #include "tempera/core/params.h"
+#include "tempera/core/time.h"
 #include "tempera/frames/frame.h"
 #include "tempera/frames/sequence.h"
 #include "tempera/stages/poisson.h"
@@ -23,11 +25,8 @@ namespace tempera {
 /// The parameters of the stage: for parsers, `tempera list` and the manual.
 std::span<const ParamSpec> reconstruct_params();
 
-/// A window of a sequence: frames first to last, numbered as the files are.
-struct FrameRange {
-  int first = 0, last = 0;
-  bool operator==(const FrameRange&) const = default;
-};
+/// Checks what the parameters say together. Errors: Error{kOutOfRange} for an overlap as long as the window.
+void check_reconstruct_params(const Params& params);
 
 /// The windows that frames [segment.first, segment.last] without a cut are solved in. Window k covers the frames
 /// [k step, k step + length) with step = length - overlap, whatever the segment's start: where a part of a sequence is
@@ -39,10 +38,26 @@ std::vector<FrameRange> reconstruction_windows(const FrameRange& segment, int le
 /// Source: [Manzi 2016, Sec. 5], a Hann window, to be divided by the sum over windows. In (0, 1].
 double window_weight(int frame, int begin, int length);
 
+/// Whether frames of these layers are made to be reconstructed: they hold differences.
+bool has_differences(std::span<const LayerDesc> layers);
+
+/// Frames of the input that reconstructing `frames` reads, in ascending order: they and, for layers with an offset
+/// pass, all that share a window with one of them. `sequence`: all frames that there can be; pre: it contains `frames`.
+/// Errors: as check_reconstruct_params.
+std::vector<int> reconstruction_inputs(std::span<const int> frames, const FrameRange& sequence, const Params& params,
+                                       std::span<const LayerDesc> layers);
+
+/// Whether the output holds this layer of the input: neither data of the reconstruction nor statistics of the input's
+/// `color`.
+bool survives_reconstruction(const std::string& layer);
+
 struct ReconstructOptions {
   Params params{reconstruct_params()};
   std::vector<int> frames;  ///< frames to write; empty: all of the input
-  bool resume = false;      ///< skip frames whose file is complete and would be the same
+  /// What the sequence consists of, whatever else is there or is not there yet; none: the frames of the input. Windows
+  /// end with it, so parts of one sequence agree on it.
+  std::optional<FrameRange> sequence;
+  bool resume = false;  ///< skip frames whose file is complete and would be the same
   WriteOptions write;
   std::string command;  ///< for the metadata
 };
@@ -55,8 +70,7 @@ struct ReconstructReport {
 };
 
 /// Writes the frames of `input` to `output` (a pattern; a plain name for a single file): `color` is the solution, with
-/// the input's alpha; layers that are neither data of the reconstruction nor statistics of the input's `color` are
-/// copied.
+/// the input's alpha; other layers are copied if they survive_reconstruction.
 /// Result:  a function of the input files and parameters: the same bits for any number of threads, any choice of
 ///          frames, and after any interruption, as long as all frames of the windows are there.
 /// Memory:  the frames of one window, whatever the length of the sequence.

@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/pipeline/run.h"
+
+#include <gtest/gtest.h>
+
+namespace tempera {
+namespace {
+
+/// What the command line made of a file.
+struct Settled {
+  ShotConfig config;
+  Shot shot;
+};
+Settled settle(const std::string& file, const std::string& toml, const std::vector<std::string>& typed = {}) {
+  Scene s;
+  s.source = "scene.xml";
+  s.cameras.resize(1);
+  s.environments.resize(1);
+  Settled out;
+  out.config.read_text("scene = \"scene.xml\"\nframes = \"1-240\"\n" + toml, file, ".");
+  for (const std::string& t : typed) out.config.assign(t);
+  out.shot = settle_shot(out.config, s);
+  out.shot.source = file;  // read_text knows no file
+  return out;
+}
+RunPlan plan(const std::string& toml, const std::vector<std::string>& typed = {},
+             const std::string& file = "dance.toml") {
+  const Settled s = settle(file, toml, typed);
+  return plan_run(s.config, s.shot);
+}
+const std::string kTemporal = "[integrator]\nname = \"temporal_gradient_path\"\n";
+
+TEST(RunPlan, FilesHaveTheirPlaces) {
+  const RunPlan from_name = plan(kTemporal);
+  EXPECT_EQ(from_name.render.output, "out/dance/dance.####.exr");
+  EXPECT_EQ(from_name.output, "out/dance/final/dance.####.exr");
+  EXPECT_EQ(from_name.video_path, "out/dance/dance.mp4");
+  EXPECT_EQ(plan("", {}, "scenes/demo/shot.toml").output, "out/demo/demo.####.exr");
+  EXPECT_EQ(plan("", {}, "scenes/demo/shot_4x.toml").output, "out/demo_4x/demo_4x.####.exr");
+
+  const RunPlan pattern = plan(kTemporal, {"output.path=a/f_%03d.exr"});
+  EXPECT_EQ(pattern.output, "a/final/f_%03d.exr");
+  EXPECT_EQ(pattern.video_path, "a/f.mp4");
+  EXPECT_EQ(plan("", {"output.path=a/####.exr"}).video_path, "a/movie.mp4");
+  EXPECT_EQ(plan("", {"output.path=a/f.exr"}).output, "a/f.####.exr");
+  EXPECT_EQ(plan("", {"output.path=a.b"}).output, "a.b/dance.####.exr");
+  EXPECT_EQ(plan("[video]\ncodec = \"ffv1\"\n").video_path, "out/dance/dance.mkv");
+  EXPECT_EQ(plan(kTemporal + "[reconstruct]\npath = \"b/g.####.exr\"\n").output, "b/g.####.exr");
+  EXPECT_EQ(plan(kTemporal + "[reconstruct]\npath = \"b\"\n").output, "b/dance.####.exr");
+}
+
+TEST(RunPlan, PartsRenderWhatTheirWindowsReach) {
+  const RunPlan part = plan(kTemporal, {"frames=50-99"});
+  EXPECT_EQ(part.frames.size(), 50u);
+  EXPECT_EQ(part.render.frames.front(), 45);
+  EXPECT_EQ(part.render.frames.back(), 104);
+  EXPECT_EQ(part.beside, (std::vector<int>{45, 46, 47, 48, 49, 100, 101, 102, 103, 104}));
+  EXPECT_EQ(part.sequence, (FrameRange{1, 240}));
+  EXPECT_TRUE(plan(kTemporal).beside.empty());
+  EXPECT_TRUE(plan("", {"frames=51-100"}).beside.empty()) << "nothing is reconstructed";
+  EXPECT_TRUE(plan("[integrator]\nname = \"gradient_path\"\n", {"frames=51-100"}).beside.empty());
+  EXPECT_EQ(plan("", {"frames=9,3"}).render.frames, (std::vector<int>{9, 3})) << "in the order written";
+  const RunPlan beyond = plan(kTemporal, {"frames=236-250"});
+  EXPECT_EQ(beyond.sequence, (FrameRange{1, 250}));
+}
+
+TEST(RunPlan, MoviesOfPartsDoNotReplaceThatOfTheWhole) {
+  EXPECT_EQ(plan("", {"frames=51-100"}).video_path, "out/dance/dance.51-100.mp4");
+  EXPECT_EQ(plan("[video]\npath = \"m.mov\"\n", {"frames=51-100"}).video_path, "m.51-100.mov");
+  EXPECT_EQ(plan("", {"frames=51-100", "video.path=m.mov"}).video_path, "m.mov") << "as it was typed";
+  EXPECT_EQ(plan("", {"frames=51"}).video_path, "");
+  EXPECT_EQ(plan("", {"frames=51", "video.path=m.mov"}).video_path, "m.mov");
+}
+
+TEST(RunPlan, WhatWasAskedOfFilesHoldsForTheResult) {
+  const RunPlan p = plan(kTemporal + "[output]\nhalf = true\naov_names = \"blender\"\ncompression = \"dwaa\"\n");
+  EXPECT_FALSE(p.render.write.half);
+  EXPECT_EQ(p.render.write.names, AovNames::kTempera);
+  EXPECT_EQ(p.render.write.compression, Compression::kZip);
+  EXPECT_TRUE(p.render.final_write.half);
+  EXPECT_EQ(p.render.final_write.names, AovNames::kBlender);
+}
+
+TEST(RunPlan, ErrorsNameTheirPlace) {
+  const auto error_of = [](const std::string& toml) {
+    try {
+      plan(toml);
+    } catch (const Error& e) {
+      EXPECT_EQ(e.loc().file, "dance.toml") << e.what();
+      return e;
+    }
+    return Error(ErrorCode::kFailed, "nothing was thrown");
+  };
+  const Error same = error_of(kTemporal + "[reconstruct]\npath = \"out/../out/dance\"\n");
+  EXPECT_EQ(same.code(), ErrorCode::kBadInput);
+  EXPECT_EQ(same.loc().line, 6) << same.what();
+  EXPECT_EQ(error_of("[video]\npath = \"a.gif\"\n").loc().line, 4);
+  EXPECT_EQ(error_of("[video]\npath = \"a.mp4\"\ncodec = \"ffv1\"\n").loc().line, 4);
+  EXPECT_EQ(error_of(kTemporal + "[video]\nlayer = \"grad.x\"\n").loc().line, 6);
+}
+
+}  // namespace
+}  // namespace tempera
