@@ -1,17 +1,10 @@
-#!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the plots of docs/reconstruct.md from what bench/poisson_bench prints.
+"""Plots of the Poisson solver for docs/papers/manzi2016.md; `./dev bench reconstruction --images docs/images` calls it.
 
-  tools/plot_reconstruction.py SPECTRUM.json CONVERGENCE.json docs/images
-
-SPECTRUM.json is the output of `poisson_bench --spectrum`, CONVERGENCE.json that of
-`poisson_bench --size 640x360 --schedules fast,published`. Curves of the spectra are the theory of
-[Manzi 2016, Eq. 4], computed here by quadrature; points are what the solver does with white noise.
+Curves are the theory of [Manzi 2016, Eq. 4], computed here by quadrature; points are what the solver does with white
+noise, as bench/poisson_bench measured it.
 """
-import json
 import math
-import pathlib
-import sys
 
 PRIMAL, GRADIENT, ALPHA = 0.01, 0.0004, 0.2  # variances of the data and weight of the primal rows, as in the paper
 STEPS = 64  # of the quadrature in each direction
@@ -97,22 +90,20 @@ def frequency_plot():
                 [0, 0.1, 0.2, 0.3, 0.4, 0.5], [0, 0.1, 0.2, 0.3, 0.4])
 
 
-def main():
-    if len(sys.argv) != 4:
-        sys.exit(__doc__)
-    spectrum, convergence = (json.loads(pathlib.Path(p).read_text()) for p in sys.argv[1:3])
-    folder = pathlib.Path(sys.argv[3])
+def plot_theory(columns, folder):
+    """`columns`: what `poisson_bench --theory` prints."""
     grid = [k / 200 for k in range(101)]
 
     def measured(name, scale):
-        values = spectrum[name]
-        return [(0.5 * k / len(values), 1e3 * scale * v) for k, v in enumerate(values)]
+        values = columns[name]["solver"]["at"]
+        return [(0.05 * k, scale * v) for k, v in enumerate(values)]
 
     # Equal time: the temporal method has two passes of half the samples, so all of its data have twice the variance.
     plot = frequency_plot()
     for name, temporal, mixed, scale, color, label in (
-            ("gpt", 0, 0, 1, "green", "spatial only"), ("first", 1, 0, 2, "red", "with dt"),
-            ("full 1", 1, 1, 2, "black", "with dt, dxdt, dydt")):
+            ("independent, spatial rows", 0, 0, 1, "green", "spatial only"),
+            ("independent, first order", 1, 0, 2, "red", "with dt"),
+            ("independent, c = 1", 1, 1, 2, "black", "with dt, dxdt, dydt")):
         plot.curve([(f, 1e3 * scale * error(f, temporal, mixed)) for f in grid], color, label)
         plot.dots(measured(name, scale), color)
     plot.write(folder / "reconstruct-frequency.svg")
@@ -121,17 +112,16 @@ def main():
     plot.curve([(f, 1e3 * error(f, 0, 0)) for f in grid], "green", "spatial only")
     for ratio, color in ((0.5, "blue"), (1, "black"), (1.5, "orange"), (2, "red")):
         plot.curve([(f, 2e3 * error(f, 1, 1, ratio)) for f in grid], color, f"c = {ratio:g}")
-        plot.dots(measured(f"full {ratio:g}", 2), color)
+        plot.dots(measured(f"independent, c = {ratio:g}", 2), color)
     plot.write(folder / "reconstruct-ratio.svg")
 
-    curves = {name: [(p[1], p[2]) for p in s["curve"] if p[1] > 0] for name, s in convergence["schedules"].items()}
+
+def plot_convergence(run, folder):
+    """`run`: what `poisson_bench --schedules fast,published` prints."""
+    curves = {name: [(p[1], p[2]) for p in s["curve"] if p[1] > 0] for name, s in run["schedules"].items()}
     last = max(p[0] for c in curves.values() for p in c)
-    plot = Plot((0.02, 1.1 * last), (0.008, 0.2), "processor seconds", "RMS error to the truth",
+    plot = Plot((0.02, 1.1 * last), (0.007, 0.2), "processor seconds", "RMS error to the truth",
                 [v for v in (0.1, 1, 10, 100) if v < last], [0.01, 0.02, 0.05, 0.1, 0.2], log_x=True, log_y=True)
     for name, color, label in (("fast", "black", "default"), ("published", "red", "published")):
         plot.curve([p for p in curves[name] if p[0] >= 0.02], color, label)
     plot.write(folder / "reconstruct-convergence.svg")
-
-
-if __name__ == "__main__":
-    main()

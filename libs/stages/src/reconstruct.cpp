@@ -204,12 +204,18 @@ class Reader {
     ReadOptions options;
     for (const LayerDesc& d : wanted) {
       if (!has(d.name)) {
+        if (d.name.ends_with(".var")) {
+          std::string names;
+          for (const LayerDesc& k : wanted) {
+            if (k.name.ends_with(".var")) names += (names.empty() ? "" : ",") + k.name;
+          }
+          throw Error(ErrorCode::kBadInput,
+                      fmt::format("{} has no layer \"{}\", which --weights variance needs; render with --layers {}",
+                                  in.path, d.name, names));
+        }
         throw Error(ErrorCode::kBadInput,
-                    d.name.ends_with(".var")
-                        ? fmt::format("{} has no layer \"{}\", which --weights variance needs; render it with --layers",
-                                      in.path, d.name)
-                        : fmt::format("{} has no layer \"{}\": reconstruction needs the frames of the integrator {}",
-                                      in.path, d.name, temporal_ ? "temporal_gradient_path" : "gradient_path"));
+                    fmt::format("{} has no layer \"{}\": reconstruction needs the frames of the integrator {}", in.path,
+                                d.name, temporal_ ? "temporal_gradient_path" : "gradient_path"));
       }
       options.layers.push_back(d.name);
     }

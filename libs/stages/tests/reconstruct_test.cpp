@@ -395,7 +395,9 @@ TEST_F(Reconstruct, VarianceWeightsKeepNoiseWhereItIs) {
   set_halves(s, 0.02, 0.6, true);
   const auto plain = write("plain", s, 0, 6);
   EXPECT_EQ(error_of(plain, ErrorCode::kBadInput, "weights=variance"),
-            plain.path(0) + " has no layer \"grad.x.var\", which --weights variance needs; render it with --layers");
+            plain.path(0) +
+                " has no layer \"grad.x.var\", which --weights variance needs; render with --layers "
+                "color.var,grad.x.var,grad.y.var,offset.color.var,offset.grad.x.var,offset.grad.y.var");
   for (int f = 0; f < 6; ++f) {
     Frame frame = make(s, f, 0);
     for (const std::string prefix : {"", "offset."}) {
