@@ -12,12 +12,13 @@ alpha, window, ...), which is then part of their time. Methods without spp are c
 frames, within 5 %.
 
   ./dev bench quality --scene cornell-motion --methods path:spp=16,path:spp=64
-  ./dev bench quality --scene cornell-motion --methods path:spp=16:sampler=independent,path:spp=64:sampler=independent
+  ./dev bench quality --scene cornell-motion --methods path:spp=16:sampler=sobol,path:spp=64:sampler=sobol
   ./dev bench quality --scene running-figure --methods path,gradient_path,temporal_gradient_path --time 60
   ./dev bench quality --scene vase --methods path,path:sampler=independent --equal-error relmse=0.01
 
-Four times the samples make a quarter of the squared error with sampler=independent. The error of the default sampler
-(scrambled Sobol points) falls faster, so the first example shows more than a factor of 4 and the second one 4.
+Four times the samples make a quarter of the squared error with sampler=independent, which is what cornell-motion is
+rendered with. The error of the default sampler of other scenes (scrambled Sobol points) falls faster, so the second
+example shows more than a factor of 4.
 
 The reference has an error, too, which counts in each method's: it is printed, as estimated from its halves.
 """
@@ -25,6 +26,7 @@ import argparse
 import json
 import math
 import pathlib
+import resource
 import shutil
 import statistics
 import subprocess
@@ -33,7 +35,8 @@ import time
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 RECONSTRUCTED = {"gradient_path", "temporal_gradient_path"}
-STAGE_KEYS = {"norm", "alpha", "window", "overlap", "temporal-rows", "strict-mixed", "schedule", "rounds", "iterations"}
+STAGE_KEYS = {"norm", "alpha", "window", "overlap", "temporal-rows", "strict-mixed", "weights", "schedule", "rounds",
+              "iterations"}
 METRICS = ["relmse", "mse", "temporal", "flicker"]
 # Two-sided 95 % quantiles of Student's t for 1, 2, ... degrees of freedom, and beyond 30.
 T95 = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131, 2.120,
@@ -46,7 +49,7 @@ class Method:
     def __init__(self, text):
         self.name, *settings = text.split(":")
         self.label = text
-        self.spp, self.render, self.stage = None, [], []
+        self.wanted_spp, self.render, self.stage = None, [], []
         for setting in settings:
             key, equal, value = setting.partition("=")
             if not key or not equal or not value:
@@ -54,7 +57,7 @@ class Method:
             if key == "spp":
                 if not value.isdigit() or int(value) < 1:
                     sys.exit(f"quality: spp={value} of the method {text} is not a positive whole number")
-                self.spp = int(value)
+                self.wanted_spp = int(value)
             elif key == "sampler":
                 self.render += ["--sampler", value]
             elif "." in key:
@@ -65,34 +68,38 @@ class Method:
                 self.render += ["--param", f"{key}={value}"]
 
 
-def execute(command):
-    """Wall seconds of a command; ends the program with its messages if it fails."""
-    begin = time.monotonic()
+def execute(command, clock="wall"):
+    """Seconds of a command: on the wall, or of all processors. Ends the program with its messages if it fails."""
+    def now():
+        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return time.monotonic() if clock == "wall" else usage.ru_utime + usage.ru_stime
+    begin = now()
     done = subprocess.run([str(c) for c in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     if done.returncode:
         sys.exit(f"quality: {' '.join(map(str, command))}: status {done.returncode}\n{done.stdout}")
-    return time.monotonic() - begin
+    return now() - begin
 
 
 class Bench:
-    def __init__(self, args):
+    def __init__(self, args, scene):
         self.args = args
         self.tempera = args.build / "bin/tempera"
-        self.work = args.work / args.scene.replace("/", "_").replace(":", "_")
+        self.scene = scene
+        self.work = args.work / scene.replace("/", "_").replace(":", "_")
         self.common = ["--frames", args.frames]
         if args.resolution:
             self.common += ["--resolution", args.resolution]
         if args.threads:
             self.common += ["--threads", args.threads]
-        if pathlib.Path(args.scene).suffix:
-            self.shot = args.scene
+        if pathlib.Path(scene).suffix:
+            self.shot = scene
         else:
-            made = subprocess.run([self.tempera, "-q", "gallery", "make", args.scene.split(":")[0], "--gallery",
+            made = subprocess.run([self.tempera, "-q", "gallery", "make", scene.split(":")[0], "--gallery",
                                    args.work / "scenes"], stdout=subprocess.PIPE, text=True)
             if made.returncode:
                 sys.exit(made.returncode)
             shot = pathlib.Path(made.stdout.split("\n")[0])
-            variant = args.scene.partition(":")[2]
+            variant = scene.partition(":")[2]
             self.shot = shot.with_name(f"{shot.stem}_{variant}.toml") if variant else shot
         self.reference_error = None  # relMSE
         self.reference = self.make_reference()
@@ -104,19 +111,20 @@ class Bench:
         pattern = self.work / f"reference_{key}" / "f.####.exr"
         print(f"reference: {args.reference_spp} samples, {pattern}", flush=True)
         execute([self.tempera, "-q", "render", self.shot, *self.common, "--spp", args.reference_spp, "--seed", 1000003,
-                 "--integrator", "path", "--layers", "motion,halves", "-o", pattern, "--resume"])
+                 "--sampler", "sobol", "--integrator", "path", "--layers", "motion,halves", "-o", pattern, "--resume"])
         return pattern
 
     def run(self, method, spp, seed, folder):
-        """Renders (and reconstructs) to `folder`. Returns wall seconds."""
+        """Renders (and reconstructs) to `folder`. Returns its seconds."""
         shutil.rmtree(folder, ignore_errors=True)
         raw = folder / ("raw" if method.name in RECONSTRUCTED else "final")
         seconds = execute([self.tempera, "-q", "render", self.shot, *self.common, "--integrator", method.name, "--spp", spp,
-                           "--seed", seed, *method.render, "--layers", "color", "-o", raw / "f.####.exr"])
+                           "--seed", seed, *method.render, "--layers", "color", "-o", raw / "f.####.exr"],
+                          self.args.clock)
         if method.name in RECONSTRUCTED:
             threads = ["--threads", self.args.threads] if self.args.threads else []
             seconds += execute([self.tempera, "-q", "reconstruct", raw / "f.####.exr", "-o", folder / "final/f.####.exr",
-                                *method.stage, *threads])
+                                *method.stage, *threads], self.args.clock)
             shutil.rmtree(raw)
         return seconds
 
@@ -132,7 +140,9 @@ class Bench:
     def calibrate(self, method, target):
         """Samples that take `target` seconds within 5 %, or as near as whole samples get."""
         least = 2 if method.name == "temporal_gradient_path" else 1
-        spp, best = 4, None
+        if any(s in ("adaptive=published", "adaptive=unbiased") for s in method.render):
+            least *= 8  # two batches of four in each pass
+        spp, best = max(4, least), None
         tried = {}
         for _ in range(8):
             if spp not in tried:
@@ -250,43 +260,78 @@ def equal_time(bench, methods, args):
     return results
 
 
+def markdown(scene, results, args):
+    """A table: a line for each metric, a column for each method, ratios to the first in brackets."""
+    def cell(r, metric):
+        present = [f[metric] for f in r["figures"] if f.get(metric) is not None]
+        if not present:
+            return "–"
+        text = f"{statistics.fmean(present):.3g}"
+        return text if r is results[0] else f"{text} ({r['ratios'][metric][0]:.2f})"
+    lines = [f"| {scene} | " + " | ".join(f"`{r['method']}`" for r in results) + " |", "| --- " * (len(results) + 1) + "|",
+             "| samples, seconds | " + " | ".join(f"{r['spp']}, {statistics.fmean(r['seconds']):.1f}" for r in results) + " |"]
+    lines += [f"| {m} | " + " | ".join(cell(r, m) for r in results) + " |" for m in args.metrics]
+    return "\n".join(lines) + "\n\n"
+
+
+def frames_of(text):
+    """The frames of a set like 1-10 or 1-9x2,20."""
+    frames = []
+    for part in text.split(","):
+        ends, _, step = part.replace(":", "x").partition("x")
+        first, _, last = ends.replace("..", "-").partition("-")
+        frames += range(int(first), int(last or first) + 1, int(step or 1))
+    return frames
+
+
 def main():
     parser = argparse.ArgumentParser(prog="./dev bench quality", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scene", default="cornell-motion", help="of the gallery, NAME or NAME:VARIANT, or a scene file")
+    parser.add_argument("--scene", default=["cornell-motion"], type=lambda s: s.split(","),
+                        help="comma list: of the gallery, NAME or NAME:VARIANT, or scene files")
     parser.add_argument("--methods", default="path,gradient_path,temporal_gradient_path", help="comma list, see above")
     parser.add_argument("--seeds", type=int, default=4, help="runs of each method [4]")
     parser.add_argument("--frames", default="1-10", help="[1-10]")
     parser.add_argument("--resolution", help="WxH [the scene's]")
     parser.add_argument("--time", type=float, default=30, help="seconds for all frames, of methods without spp [30]")
     parser.add_argument("--equal-error", metavar="METRIC=VALUE", help="find the time that each method needs for this error")
-    parser.add_argument("--reference-spp", type=int, default=4096, help="[4096]")
+    parser.add_argument("--reference-spp", type=int, default=512, help="[512]")
     parser.add_argument("--metrics", default=",".join(METRICS), type=lambda s: s.split(","), help="as of tempera compare")
     parser.add_argument("--threads", help="[all]")
+    parser.add_argument("--clock", default="wall", choices=["wall", "cpu"],
+                        help="what equal time is: of the clock, or of all processors, which a busy machine disturbs less")
+    parser.add_argument("--markdown", metavar="FILE", help="append the figures as tables")
     parser.add_argument("--build", type=pathlib.Path, default=ROOT / "build/release")
     parser.add_argument("--work", type=pathlib.Path, default=ROOT / "build/quality", help="references and frames")
     args = parser.parse_args()
     methods = [Method(m) for m in args.methods.split(",") if m]
     if not methods or args.seeds < 1 or args.time <= 0:
         parser.error("at least one method and one seed, and a positive time")
-    bench = Bench(args)
-    count = len(list(bench.reference.parent.glob("f.*.exr")))
+    count = len(frames_of(args.frames))
     for metric, least in (("temporal", 2), ("flicker", 8)):  # what tempera compare needs to measure them
         if count < least and metric in args.metrics:
             print(f"{metric} is left out: it needs {least} frames, there are {count}")
             args.metrics.remove(metric)
-    results = (equal_error if args.equal_error else equal_time)(bench, methods, args)
 
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, stdout=subprocess.PIPE,
                             text=True).stdout.strip() or "unknown"
     path = args.build / "bench" / f"quality-{commit}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    stored = json.loads(path.read_text()) if path.exists() else []
-    stored.append({"scene": args.scene, "frames": args.frames, "resolution": args.resolution, "threads": args.threads,
-                   "reference_spp": args.reference_spp, "reference_relmse": bench.reference_error,
-                   "equal_error": args.equal_error, "results": results})
-    path.write_text(json.dumps(stored, indent=1))
-    print(f"written: {path}")
+    for scene in args.scene:
+        print(f"== {scene}")
+        bench = Bench(args, scene)
+        for m in methods:
+            m.spp = m.wanted_spp
+        results = (equal_error if args.equal_error else equal_time)(bench, methods, args)
+        if args.markdown and not args.equal_error:
+            with open(args.markdown, "a", encoding="utf-8") as out:
+                out.write(markdown(scene, results, args))
+        stored = json.loads(path.read_text()) if path.exists() else []
+        stored.append({"scene": scene, "frames": args.frames, "resolution": args.resolution, "threads": args.threads,
+                       "clock": args.clock, "reference_spp": args.reference_spp,
+                       "reference_relmse": bench.reference_error, "equal_error": args.equal_error, "results": results})
+        path.write_text(json.dumps(stored, indent=1))
+        print(f"written: {path}")
 
 
 if __name__ == "__main__":

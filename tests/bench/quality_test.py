@@ -53,10 +53,14 @@ class Statistics(unittest.TestCase):
 class Methods(unittest.TestCase):
     def test_settings_go_where_they_belong(self):
         m = quality.Method("path:spp=16:sampler=independent:max_depth=4:film.filter=tent")
-        self.assertEqual((m.name, m.spp), ("path", 16))
+        self.assertEqual((m.name, m.wanted_spp), ("path", 16))
         self.assertEqual(m.render, ["--sampler", "independent", "--param", "max_depth=4", "--set", "film.filter=tent"])
         g = quality.Method("gradient_path:norm=l2")
-        self.assertEqual((g.spp, g.render, g.stage), (None, [], ["--norm", "l2"]))
+        self.assertEqual((g.wanted_spp, g.render, g.stage), (None, [], ["--norm", "l2"]))
+
+    def test_frame_sets(self):
+        self.assertEqual(quality.frames_of("1-4"), [1, 2, 3, 4])
+        self.assertEqual(quality.frames_of("3,10-14x2,1..2"), [3, 10, 12, 14, 1, 2])
 
     def test_wrong_settings_end_the_program(self):
         for text in ("path:spp=0", "path:spp=many", "path:sampler", "path:=3"):
@@ -78,7 +82,7 @@ class Comparison(unittest.TestCase):
     def test_four_times_the_samples_are_a_quarter_of_the_error(self):
         stored, text = self.bench(
             "--scene", "cornell-motion", "--resolution", "64x64", "--frames", "1-2", "--seeds", "6", "--reference-spp", "4096",
-            "--methods", "path:spp=4:sampler=independent,path:spp=16:sampler=independent", "--metrics", "mse,relmse,temporal")
+            "--methods", "path:spp=4,path:spp=16", "--metrics", "mse,relmse,temporal")
         second = stored["results"][1]
         for metric in ("mse", "relmse"):
             ratio, low, high = second["ratios"][metric]
@@ -98,7 +102,7 @@ class Comparison(unittest.TestCase):
 
     def test_equal_error_finds_the_samples(self):
         stored, text = self.bench("--scene", "cornell-motion", "--resolution", "64x64", "--frames", "1", "--reference-spp",
-                                  "4096", "--equal-error", "relmse=0.05", "--methods", "path:sampler=independent")
+                                  "4096", "--equal-error", "relmse=0.05", "--methods", "path")
         found = stored["results"][0]
         self.assertAlmostEqual(math.log(found["relmse"] / 0.05), 0, delta=math.log(1.25), msg=text)
 

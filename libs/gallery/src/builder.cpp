@@ -180,7 +180,9 @@ std::string GalleryBuilder::shot_text(const GalleryVariant* variant) const {
   };
   table("shutter", {{"open", fmt::format("{}", s.shutter_open)}, {"close", fmt::format("{}", s.shutter_close)}});
   table("film", {{"resolution", fmt::format("[{}, {}]", s.width, s.height)}, {"filter", "\"box\""}});
-  table("sampling", {{"spp", fmt::format("{}", s.spp)}});
+  std::vector<std::pair<std::string, std::string>> sampling{{"spp", fmt::format("{}", s.spp)}};
+  if (s.independent_samples) sampling.emplace_back("sampler", "\"independent\"");
+  table("sampling", sampling);
   table("integrator", {{"name", "\"path\""}, {"max_depth", fmt::format("{}", s.max_depth)}});
   table("output", {{"layers", "[\"albedo\", \"normal\", \"motion\"]"}});
   table("video", video_);

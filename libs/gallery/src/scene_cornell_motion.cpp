@@ -39,15 +39,19 @@ extern const GalleryScene cornell_motion_scene{
     .width = 256,
     .height = 256,
     .spp = 64,
+    .independent_samples = true,
     .max_depth = 8,
     .reference_spp = 16384,
     .classes = {{"direct", "ED", "direct light"}, {"indirect", "ED.+", "light by more than one reflection"}},
     .decomposition = true,
     .moving = {"block", "ball"},
     .about =
-        "A room of 2 m with one lamp in the ceiling. All surfaces are diffuse, so that every estimator converges "
-        "quickly and errors\n"
-        "follow their theory. The block turns by 3 degrees a frame; the ball slides without turning.\n",
+        "A room of 2 m with one lamp in the ceiling. All surfaces are diffuse and random numbers are independent, so "
+        "that every\n"
+        "estimator converges quickly and errors follow their theory: four times the samples, a quarter of the squared "
+        "error.\n"
+        "With `--sampler sobol` it falls faster. The block turns by 3 degrees a frame; the ball slides without "
+        "turning.\n",
     .build = build,
 };
 

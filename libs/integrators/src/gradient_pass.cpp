@@ -4,7 +4,7 @@
 #include <fmt/format.h>
 
 #include "shift_observer.h"
-#include "tile_film.h"
+#include "tempera/core/random.h"
 
 namespace tempera {
 
@@ -12,6 +12,9 @@ namespace {
 
 enum Side { kRight, kDown, kLeft, kUp };
 constexpr std::array<const char*, 4> kSides{"grad.right", "grad.down", "grad.left", "grad.up"};
+
+/// Streams of first batches that are not part of the picture: independent of all frames' own.
+constexpr std::int64_t kPilotStreams = std::int64_t(1) << 41;
 
 std::string variance_of(const std::string& name) { return name + ".var"; }
 
@@ -22,13 +25,15 @@ const std::vector<ParamSpec>& GradientOptions::params() {
     std::vector<ParamSpec> s = PathOptions::params();
     s.push_back({"roughness_threshold", 0.001,
                  "paths of neighbouring pixels are connected at surfaces that are rougher (alpha)", 0, 1});
+    const std::vector<ParamSpec>& adaptive = AdaptiveOptions::params();
+    s.insert(s.end(), adaptive.begin(), adaptive.end());
     return s;
   }();
   return specs;
 }
 
 GradientOptions::GradientOptions(const Params& p)
-    : path(p), roughness_threshold(float(p.get_double("roughness_threshold"))) {}
+    : path(p), adaptive(p), roughness_threshold(float(p.get_double("roughness_threshold"))) {}
 
 void check_gradient_settings(const RenderSettings& settings, std::string_view integrator) {
   if (settings.clock.shutter.rolling != 0) {
@@ -49,65 +54,64 @@ std::vector<LayerDesc> gradient_work_layers(const std::string& prefix) {
   return result;
 }
 
-bool gradient_pass(const FrameContext& context, const GradientOptions& options, const Tile& tile, int spp,
-                   const std::function<PixelKey(int, int)>& key, const std::string& prefix, Frame& out,
-                   RenderCounters& counters, const std::stop_token& stop) {
-  const RenderSettings& settings = context.settings;
-  TileFilm film(context, tile, out, prefix);
-  std::uint64_t samples = 0, rays = 0, shadow_rays = 0;
-  std::array<Image*, 4> means{}, variances{};
-  for (std::size_t j = 0; j < 4; ++j) {
-    means[j] = &out.layer(prefix + kSides[j]);
-    variances[j] = &out.layer(variance_of(prefix + kSides[j]));
+GradientTile::GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix)
+    : settings_(context.settings),
+      tile_(tile),
+      prefix_(prefix),
+      film_(context, tile, out, prefix),
+      pixels_(std::size_t(tile.x1 - tile.x0) * std::size_t(tile.y1 - tile.y0)) {}
+
+void GradientTile::sample(const FrameContext& context, const GradientOptions& options, int x, int y,
+                          const PixelKey& key, int first, int count, RenderCounters& counters) {
+  // A difference needs samples on both sides: none across the border of what is rendered.
+  const std::array<bool, 4> inside{x + 1 < settings_.x1(), y + 1 < settings_.y1(), x > settings_.x0(),
+                                   y > settings_.y0()};
+  Pixel& p = pixels_[std::size_t(y - tile_.y0) * std::size_t(tile_.x1 - tile_.x0) + std::size_t(x - tile_.x0)];
+  std::uint64_t rays = 0, shadow_rays = 0;
+  for (int i = first; i < first + count; ++i) {
+    const CameraSample camera = camera_sample(context, key, x, y, i);
+    const Vec3f axis = film_.features() ? context.camera.axis(camera.time) : Vec3f{};
+    ShiftObserver shifts(context, options.path, options.roughness_threshold, camera, inside);
+    const SampleResult r =
+        trace_path(context, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts);
+    rays += r.rays + shifts.rays();
+    shadow_rays += r.shadow_rays;
+    bool finite = true;
+    for (std::size_t j = 0; j < 4; ++j) finite &= is_finite(shifts.g(j));
+    if (!finite || !film_.add(x, y, i, camera, r)) {
+      counters.note_bad({context.frame, x, y, i});
+      continue;
+    }
+    ++p.count;
+    for (std::size_t j = 0; j < 4; ++j) {
+      const Rgb g = shifts.g(j) * camera.weight;
+      p.sums[j] += g;
+      p.squares[j] += g * g;
+    }
   }
-  for (int y = tile.y0; y < tile.y1; ++y) {
-    for (int x = tile.x0; x < tile.x1; ++x) {
-      if (stop.stop_requested()) return false;
-      // A difference needs samples on both sides: none across the border of what is rendered.
-      const std::array<bool, 4> inside{x + 1 < settings.x1(), y + 1 < settings.y1(), x > settings.x0(),
-                                       y > settings.y0()};
-      const PixelKey numbers = key(x, y);
-      std::array<Rgb, 4> sums, squares;
-      int count = 0;
-      for (int i = 0; i < spp; ++i) {
-        const CameraSample camera = camera_sample(context, numbers, x, y, i);
-        const Vec3f axis = film.features() ? context.camera.axis(camera.time) : Vec3f{};
-        ShiftObserver shifts(context, options.path, options.roughness_threshold, camera, inside);
-        const SampleResult r =
-            trace_path(context, options.path, camera, axis, film.sample_classes(), film.features(), shifts);
-        ++samples;
-        rays += r.rays + shifts.rays();
-        shadow_rays += r.shadow_rays;
-        bool finite = true;
-        for (std::size_t j = 0; j < 4; ++j) finite &= is_finite(shifts.g(j));
-        if (!finite || !film.add(x, y, i, camera, r)) {
-          counters.note_bad({context.frame, x, y, i});
-          continue;
-        }
-        ++count;
-        for (std::size_t j = 0; j < 4; ++j) {
-          const Rgb g = shifts.g(j) * camera.weight;
-          sums[j] += g;
-          squares[j] += g * g;
-        }
-      }
-      const int ox = x - settings.x0(), oy = y - settings.y0();
-      const float n = float(std::max(count, 1));
-      for (std::size_t j = 0; j < 4; ++j) {
-        means[j]->set_rgb(ox, oy, sums[j] * (1 / n));
+  counters.samples += std::uint64_t(count);
+  counters.rays += rays;
+  counters.shadow_rays += shadow_rays;
+}
+
+void GradientTile::write(Frame& out) const {
+  film_.write(out);
+  for (std::size_t j = 0; j < 4; ++j) {
+    Image &means = out.layer(prefix_ + kSides[j]), &variances = out.layer(variance_of(prefix_ + kSides[j]));
+    const Pixel* p = pixels_.data();
+    for (int y = tile_.y0; y < tile_.y1; ++y) {
+      for (int x = tile_.x0; x < tile_.x1; ++x, ++p) {
+        const int ox = x - settings_.x0(), oy = y - settings_.y0();
+        const float n = float(std::max(p->count, 1));
         Rgb v;
-        for (int c = 0; count > 1 && c < 3; ++c) {
-          v[c] = std::max(0.0f, (squares[j][c] - sums[j][c] * sums[j][c] / n) / (n * (n - 1)));
+        for (int c = 0; p->count > 1 && c < 3; ++c) {
+          v[c] = std::max(0.0f, (p->squares[j][c] - p->sums[j][c] * p->sums[j][c] / n) / (n * (n - 1)));
         }
-        variances[j]->set_rgb(ox, oy, v);
+        means.set_rgb(ox, oy, p->sums[j] * (1 / n));
+        variances.set_rgb(ox, oy, v);
       }
     }
   }
-  film.write(out);
-  counters.samples += samples;
-  counters.rays += rays;
-  counters.shadow_rays += shadow_rays;
-  return true;
 }
 
 void join_gradients(const std::string& prefix, Frame& out) {
@@ -126,6 +130,63 @@ void join_gradients(const std::string& prefix, Frame& out) {
   };
   join(prefix + "grad.x", kRight, kLeft, 1, 0);
   join(prefix + "grad.y", kDown, kUp, 0, 1);
+}
+
+GradientBatches::GradientBatches(const FrameContext& context, const GradientOptions& options, int spp)
+    : plan_(plan_batches(options.adaptive, spp)) {
+  const RenderSettings& s = context.settings;
+  const auto pixels = std::size_t(s.x1() - s.x0()) * std::size_t(s.y1() - s.y0());
+  taken_.assign(pixels, 0);
+  wanted_.assign(pixels, plan_.first);
+}
+
+bool GradientBatches::render(const FrameContext& context, const GradientOptions& options, const Tile& tile, Frame& out,
+                             RenderCounters& counters, const std::stop_token& stop) {
+  const RenderSettings& s = context.settings;
+  std::unique_lock lock(mutex_);
+  GradientTile& film = tiles_.try_emplace({tile.y0, tile.x0}, context, tile, out, "").first->second;
+  lock.unlock();
+  for (int y = tile.y0; y < tile.y1; ++y) {
+    for (int x = tile.x0; x < tile.x1; ++x) {
+      if (stop.stop_requested()) return false;
+      const std::size_t i = std::size_t(y - s.y0()) * std::size_t(s.x1() - s.x0()) + std::size_t(x - s.x0());
+      PixelKey key = own_key(context, x, y);
+      if (batch_ == 0 && !plan_.keep_first) key.stream += kPilotStreams;
+      film.sample(context, options, x, y, key, taken_[i], wanted_[i], counters);
+      taken_[i] += wanted_[i];
+    }
+  }
+  film.write(out);
+  if (last()) {
+    lock.lock();
+    tiles_.erase({tile.y0, tile.x0});
+  }
+  return true;
+}
+
+void GradientBatches::next(const FrameContext& context, const GradientOptions& options, const Frame& out) {
+  const int w = out.width(), h = out.height();
+  const auto sum = [](const Rgb& c) { return c.r + c.g + c.b; };
+  const auto variance = [&](Side side, int x, int y) { return sum(out.layer(variance_of(kSides[side])).rgb(x, y)); };
+  std::vector<PixelNoise> noise(taken_.size());
+  for (int y = 0; y < h; ++y) {
+    for (int x = 0; x < w; ++x) {
+      PixelNoise& p = noise[std::size_t(y) * std::size_t(w) + std::size_t(x)];
+      // The last column and row have their differences on the other side.
+      const int from_x = std::min(x, w - 2), from_y = std::min(y, h - 2);
+      if (w > 1) p.variance += variance(kRight, from_x, y) + variance(kLeft, from_x + 1, y);
+      if (h > 1) p.variance += variance(kDown, x, from_y) + variance(kUp, x, from_y + 1);
+      p.radiance = sum(out.layer("color").rgb(x, y));
+      p.samples = plan_.keep_first ? taken_[std::size_t(y) * std::size_t(w) + std::size_t(x)] : 0;
+    }
+  }
+  ++batch_;
+  wanted_ = next_batch(options.adaptive, noise, w, h, plan_.later,
+                       hash_key(context.settings.seed, std::uint64_t(context.frame), std::uint64_t(batch_)));
+  if (!plan_.keep_first) {
+    std::fill(taken_.begin(), taken_.end(), 0);
+    tiles_.clear();
+  }
 }
 
 }  // namespace tempera

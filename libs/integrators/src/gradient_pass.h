@@ -1,17 +1,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// One pass of gradient-domain path tracing over a tile: picture and differences of neighbouring pixels.
-#include <functional>
+// Gradient-domain path tracing of tiles: picture and differences of neighbouring pixels.
+#include <map>
+#include <mutex>
 #include <stop_token>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "adaptive_sampling.h"
 #include "path_tracer.h"
+#include "tile_film.h"
 
 namespace tempera {
 
 struct GradientOptions {
   PathOptions path;
+  AdaptiveOptions adaptive;
   float roughness_threshold = 0.001f;
 
   static const std::vector<ParamSpec>& params();
@@ -21,14 +26,56 @@ struct GradientOptions {
 /// Layers that a pass keeps until all tiles are there: the estimates of each difference from either side.
 std::vector<LayerDesc> gradient_work_layers(const std::string& prefix = "");
 
-/// Renders `spp` samples of each pixel of the tile, with the random numbers that `key(x, y)` says, into the layers of
-/// `out` that begin with `prefix`. Returns false if it was stopped.
-bool gradient_pass(const FrameContext& context, const GradientOptions& options, const Tile& tile, int spp,
-                   const std::function<PixelKey(int, int)>& key, const std::string& prefix, Frame& out,
-                   RenderCounters& counters, const std::stop_token& stop);
+/// The samples of a tile, and what paths shifted to the neighbouring pixels say of the differences. Estimates from the
+/// two sides of a difference are weighted as if both pixels had equally many samples, whatever they have: so the
+/// weights of a pair of paths add up to one in any order and number of batches. Threads: one thread each.
+class GradientTile {
+ public:
+  /// Gathers what `out` has layers for, under names that begin with `prefix`.
+  GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix);
+
+  /// Adds `count` samples of pixel (x, y), with the random numbers of `key` from number `first` on.
+  void sample(const FrameContext& context, const GradientOptions& options, int x, int y, const PixelKey& key, int first,
+              int count, RenderCounters& counters);
+  /// Writes the estimates to the layers of `out`, work layers too.
+  void write(Frame& out) const;
+
+ private:
+  struct Pixel {
+    std::array<Rgb, 4> sums, squares;  ///< of the contributions to the four differences
+    int count = 0;
+  };
+  const RenderSettings& settings_;
+  Tile tile_;
+  std::string prefix_;
+  TileFilm film_;
+  std::vector<Pixel> pixels_;
+};
 
 /// Joins the two estimates of each difference: mean of g_ij minus mean of g_ji. [Manzi 2016, Eq. 1]
 void join_gradients(const std::string& prefix, Frame& out);
+
+/// A frame whose samples are placed in batches: what its tiles share, and what they keep from one to the next.
+class GradientBatches {
+ public:
+  /// `spp`: samples of a pixel, on average.
+  GradientBatches(const FrameContext& context, const GradientOptions& options, int spp);
+
+  bool last() const { return batch_ + 1 == plan_.count; }
+  /// Renders the present batch of a tile into `out`. Returns false if it was stopped. Threads: concurrently for
+  /// different tiles.
+  bool render(const FrameContext& context, const GradientOptions& options, const Tile& tile, Frame& out,
+              RenderCounters& counters, const std::stop_token& stop);
+  /// Places the next batch, once all tiles of `out` hold this one.
+  void next(const FrameContext& context, const GradientOptions& options, const Frame& out);
+
+ private:
+  BatchPlan plan_;
+  int batch_ = 0;
+  std::vector<int> taken_, wanted_;  ///< samples of each pixel: numbers used up; in the present batch
+  std::mutex mutex_;
+  std::map<std::pair<int, int>, GradientTile> tiles_;  ///< by their first pixel
+};
 
 /// Errors: Error{kUnsupported} for a rolling shutter, naming `integrator`.
 void check_gradient_settings(const RenderSettings& settings, std::string_view integrator);

@@ -19,8 +19,16 @@ const std::string kOffset = "offset.";
 /// Streams of pixels that show what the frame before did not: independent of all frames' own.
 constexpr std::int64_t kFillStreams = std::int64_t(1) << 40;
 
+/// Samples of the base and of the offset pass. The offset pass has as many as the base pass of the frame before.
+int base_samples(const RenderSettings& s) { return s.spp - s.spp / 2; }
+int offset_samples(const RenderSettings& s) { return s.spp / 2; }
+
 struct ReplayPlan final : FramePlan {
-  ReplayMap map;
+  ReplayPlan(const FrameContext& context, const GradientOptions& options)
+      : base(context, options, base_samples(context.settings)) {}
+  GradientBatches base;
+  ReplayMap map;         ///< empty if the frame is rendered for the next one only
+  Image samples_before;  ///< of the base pass of the frame before; empty under uniform sampling
 };
 
 class TemporalGradientPathIntegrator final : public Integrator {
@@ -40,6 +48,7 @@ class TemporalGradientPathIntegrator final : public Integrator {
           ErrorCode::kOutOfRange,
           "the integrator \"temporal_gradient_path\" divides the samples among two passes: spp must be at least 2");
     }
+    plan_batches(options_.adaptive, base_samples(settings));
     static const std::vector<std::string> more = [] {
       std::vector<std::string> names;
       for (const char* prefix : {"", "offset."}) {
@@ -65,35 +74,31 @@ class TemporalGradientPathIntegrator final : public Integrator {
   }
 
   int frames_before() const override { return 1; }
-  std::unique_ptr<FramePlan> prepare(const FrameContext& context, const FrameContext* before) const override {
-    auto plan = std::make_unique<ReplayPlan>();
-    plan->map = make_replay_map(*before, context);
+  std::vector<std::string> carried() const override {
+    if (options_.adaptive.mode == AdaptiveOptions::Mode::kOff) return {};
+    return {layers::samples().name};
+  }
+  int rounds(const RenderSettings& settings) const override {
+    return plan_batches(options_.adaptive, base_samples(settings)).count;
+  }
+  std::unique_ptr<FramePlan> prepare(const FrameContext& context, const FrameContext* before,
+                                     const Frame* rendered) const override {
+    auto plan = std::make_unique<ReplayPlan>(context, options_);
+    if (!context.for_next) plan->map = make_replay_map(*before, context);
+    if (rendered) plan->samples_before = rendered->layer(layers::samples().name);
     return plan;
+  }
+  void next_round(const FrameContext& context, const Frame& out) const override {
+    static_cast<ReplayPlan*>(context.plan)->base.next(context, options_, out);
   }
 
   void render(const FrameContext& context, const Tile& tile, Frame& out, RenderCounters& counters,
               std::stop_token stop) const override {
-    const ReplayMap& map = static_cast<const ReplayPlan&>(*context.plan).map;
-    const int offset_spp = context.settings.spp / 2, base_spp = context.settings.spp - offset_spp;
-    const auto own = [&](int x, int y) { return own_key(context, x, y); };
-    const auto replayed = [&](int x, int y) -> PixelKey {
-      const auto& [sx, sy] = map.at(x, y);
-      if (sx < 0) return {context.frame + kFillStreams, x, y};
-      return {context.frame - 1, sx, sy};
-    };
-    if (!gradient_pass(context, options_, tile, base_spp, own, "", out, counters, stop)) return;
-    if (!gradient_pass(context, options_, tile, offset_spp, replayed, kOffset, out, counters, stop)) return;
+    auto& plan = *static_cast<ReplayPlan*>(context.plan);
+    if (!plan.base.render(context, options_, tile, out, counters, stop)) return;
+    if (!plan.base.last() || context.for_next) return;
+    if (!render_offset(context, plan, tile, out, counters, stop)) return;
     write_motion(context, tile, out);
-    Image& source = out.layer(kOffset + "source");
-    for (int y = tile.y0; y < tile.y1; ++y) {
-      for (int x = tile.x0; x < tile.x1; ++x) {
-        const int ox = x - context.settings.x0(), oy = y - context.settings.y0();
-        const auto& [sx, sy] = map.at(x, y);
-        source.at(ox, oy, 0) = sx < 0 ? 0.0f : float(sx);
-        source.at(ox, oy, 1) = sx < 0 ? 0.0f : float(sy);
-        source.at(ox, oy, 2) = sx < 0 ? 0.0f : 1.0f;
-      }
-    }
   }
   void finish(const FrameContext& /*context*/, Frame& out) const override {
     join_gradients("", out);
@@ -108,6 +113,32 @@ class TemporalGradientPathIntegrator final : public Integrator {
   }
 
  private:
+  /// Each pixel with the numbers, and as many of them, as the pixel of the frame before that showed the same matter.
+  /// Returns false if it was stopped.
+  bool render_offset(const FrameContext& context, const ReplayPlan& plan, const Tile& tile, Frame& out,
+                     RenderCounters& counters, const std::stop_token& stop) const {
+    const int x0 = context.settings.x0(), y0 = context.settings.y0();
+    GradientTile film(context, tile, out, kOffset);
+    Image& source = out.layer(kOffset + "source");
+    for (int y = tile.y0; y < tile.y1; ++y) {
+      for (int x = tile.x0; x < tile.x1; ++x) {
+        if (stop.stop_requested()) return false;
+        const auto& [sx, sy] = plan.map.at(x, y);
+        const bool replayed = sx >= 0;
+        // What could not be seen before gets samples of its own: differences need samples on both sides.
+        const PixelKey key =
+            replayed ? PixelKey{context.frame - 1, sx, sy} : PixelKey{context.frame + kFillStreams, x, y};
+        const int count = replayed && !plan.samples_before.empty() ? int(plan.samples_before.at(sx - x0, sy - y0))
+                                                                   : offset_samples(context.settings);
+        film.sample(context, options_, x, y, key, 0, count, counters);
+        const std::array<float, 3> values{replayed ? float(sx) : 0, replayed ? float(sy) : 0, replayed ? 1.0f : 0.0f};
+        std::copy(values.begin(), values.end(), source.pixel(x - x0, y - y0));
+      }
+    }
+    film.write(out);
+    return true;
+  }
+
   GradientOptions options_;
 };
 

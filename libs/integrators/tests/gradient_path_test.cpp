@@ -21,8 +21,9 @@ Agreement compare(const BoxShot& shot, int spp, int reference_spp) {
   reference.settings.spp = reference_spp;
   reference.settings.seed = 99;
   reference.settings.layers = {"color", "color.var"};
-  if (const auto at = reference.parameters.find(",roughness_threshold"); at != std::string::npos)
-    reference.parameters.resize(at);
+  for (const char* own : {",roughness_threshold", ",adaptive"}) {  // parameters that path lacks stand last
+    if (const auto at = reference.parameters.find(own); at != std::string::npos) reference.parameters.resize(at);
+  }
   const Frame g = gradients.render(), r = reference.render();
   const Image &color = r.layer("color"), &var = r.layer("color.var");
   Agreement a;
@@ -143,6 +144,12 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"mixed",
              [] {
                return BoxShot(make_blend(0.5f, make_diffuse(0.6f), make_conductor({})), make_plastic({})).area_light();
+             }},
+        Case{"adaptive",
+             [] {
+               BoxShot s = BoxShot(kWhite, rough(0.15f)).area_light(0.05f).sky();
+               s.parameters += ",adaptive=unbiased";
+               return s;
              }},
         Case{"mask", [] { return BoxShot(kWhite, make_mask(0.5f, make_two_sided(make_diffuse(0.6f)))).area_light(); }},
         Case{"roulette",

@@ -1,4 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <numeric>
+
 #include "box_shot.h"
 
 namespace tempera {
@@ -30,6 +33,24 @@ TEST(TemporalGradientPath, ReplaysAStillSceneToTheBit) {
   }
   EXPECT_EQ(now.layer("samples").at(5, 5), 4.0f);
   EXPECT_EQ(now.layer("offset.samples").at(5, 5), 4.0f);
+}
+
+// With counts that differ from pixel to pixel, too.
+TEST(TemporalGradientPath, ReplaysAdaptiveCountsToTheBit) {
+  for (const std::string mode : {"published", "unbiased"}) {
+    TestShot shot = temporal(BoxShot(make_diffuse(0.7f), make_conductor({})).area_light(0.1f), 32);
+    shot.parameters += ",adaptive=" + mode;
+    const Frame before = shot.render(3), now = shot.render(4);
+    for (const char* name : {"color", "samples", "grad.x", "grad.y"}) {
+      EXPECT_EQ(values(now.layer(std::string("offset.") + name)), values(before.layer(name))) << name;
+    }
+    const std::vector<float> samples = values(now.layer("samples"));
+    const auto [least, most] = std::minmax_element(samples.begin(), samples.end());
+    EXPECT_GT(*most, 2 * *least);
+    const double mean = std::accumulate(samples.begin(), samples.end(), 0.0) / double(samples.size());
+    EXPECT_NEAR(mean, mode == "published" ? 16 : 12, 0.5)
+        << "the first of four batches is left out of unbiased results";
+  }
 }
 
 // A camera that moves by three pixels a frame over a card: the map is the pan, and what is lit directly by the sky, the

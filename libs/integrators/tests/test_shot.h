@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <optional>
 #include <string>
 
 #include "support/effort.h"
@@ -54,7 +55,8 @@ struct TestShot {
     return scene.cameras.back();
   }
 
-  Frame render(int frame = 0) const {
+  /// `for_next`: only what the next frame needs of this one.
+  Frame render(int frame = 0, bool for_next = false) const {
     validate(scene);
     Params params(find_integrator(integrator).params);
     for (std::size_t at = 0; at < parameters.size();) {
@@ -75,21 +77,28 @@ struct TestShot {
     RenderSettings scaled = settings;
     scaled.spp *= test::effort();
     FrameContext context{scene, rays, lights, camera, classifier, scaled, frame};
+    context.for_next = for_next;
     const TimeSpan exposed_before = settings.clock.exposure(frame - 1);
     const double middle = 0.5 * (exposed_before.begin + exposed_before.end);
     const RayScene rays_before(scene, {middle, middle}, {exposed_before.begin - 1, exposed_before.end + 1},
                                {.motion_step = step}, cache);
     const FrameContext before{scene, rays_before, lights, camera, classifier, scaled, frame - 1};
-    const auto plan = renderer->prepare(context, renderer->frames_before() ? &before : nullptr);
+    std::optional<Frame> carried;
+    if (!for_next && !renderer->carried().empty()) carried = render(frame - 1, true);
+    const auto plan =
+        renderer->prepare(context, renderer->frames_before() ? &before : nullptr, carried ? &*carried : nullptr);
     context.plan = plan.get();
     Frame out = make_frame(*renderer, scaled, scene);
     RenderCounters counters;
     const int nx = (settings.width + tile - 1) / tile, ny = (settings.height + tile - 1) / tile;
-    parallel_for(0, nx * ny, [&](std::int64_t i) {
-      const int x = int(i) % nx * tile, y = int(i) / nx * tile;
-      renderer->render(context, {x, y, std::min(x + tile, settings.width), std::min(y + tile, settings.height)}, out,
-                       counters, {});
-    });
+    for (int round = 0; round < renderer->rounds(scaled); ++round) {
+      if (round > 0) renderer->next_round(context, out);
+      parallel_for(0, nx * ny, [&](std::int64_t i) {
+        const int x = int(i) % nx * tile, y = int(i) / nx * tile;
+        renderer->render(context, {x, y, std::min(x + tile, settings.width), std::min(y + tile, settings.height)}, out,
+                         counters, {});
+      });
+    }
     EXPECT_EQ(counters.bad_samples, 0u);
     finish_frame(*renderer, context, out);
     return out;

@@ -88,15 +88,18 @@ struct FrameScene {
   LightSampler lights;
   CameraModel camera;
   std::unique_ptr<FramePlan> plan;
+  bool for_next;
 
-  FrameScene(Sequence& q, int frame)
+  /// `rendered`: as Integrator::prepare takes it; `for_next`: whether only what the next frame needs is wanted.
+  FrameScene(Sequence& q, int frame, const Frame* rendered, bool for_next_ = false)
       : rays(q.scene, q.exposure(frame), q.evaluation(frame), {.motion_step = q.motion_step()}, q.cache),
         lights(q.scene, rays),
         camera(q.scene, q.shot.settings.camera, q.shot.settings.width, q.shot.settings.height, q.evaluation(frame),
-               q.motion_step()) {
+               q.motion_step()),
+        for_next(for_next_) {
     const FrameContext now = context(q, frame);
-    if (q.integrator->frames_before() == 0) {
-      plan = q.integrator->prepare(now, nullptr);
+    if (q.integrator->frames_before() == 0 || for_next) {
+      plan = q.integrator->prepare(now, nullptr, nullptr);
       return;
     }
     const TimeSpan exposure = q.exposure(frame - 1);
@@ -104,10 +107,10 @@ struct FrameScene {
     const RayScene rays_before(q.scene, {middle, middle}, q.evaluation(frame - 1), {.motion_step = q.motion_step()},
                                q.cache);
     const FrameContext before{q.scene, rays_before, lights, camera, q.classifier, q.shot.settings, frame - 1};
-    plan = q.integrator->prepare(now, &before);
+    plan = q.integrator->prepare(now, &before, rendered);
   }
   FrameContext context(const Sequence& q, int frame) const {
-    return {q.scene, rays, lights, camera, q.classifier, q.shot.settings, frame, plan.get()};
+    return {q.scene, rays, lights, camera, q.classifier, q.shot.settings, frame, plan.get(), for_next};
   }
 };
 
@@ -139,6 +142,20 @@ void render_tiles(const Sequence& q, const FrameContext& c, Frame& frame, Checkp
     }
     finished(t, totals);
   });
+}
+
+/// Renders all rounds of a frame, each as render_tiles does; `state` is that of the last.
+void render_rounds(const Sequence& q, const FrameContext& c, Frame& frame, CheckpointState& state, std::mutex& mutex,
+                   const std::stop_token& stop, const std::function<void(const Tile&, const RenderTotals&)>& finished) {
+  const int rounds = q.integrator->rounds(c.settings);
+  for (int round = 0; round < rounds; ++round) {
+    if (round > 0) {
+      std::fill(state.done.begin(), state.done.end(), 0);
+      if (stop.stop_requested()) return;
+      q.integrator->next_round(c, frame);
+    }
+    render_tiles(q, c, frame, state, mutex, stop, finished);
+  }
 }
 
 RenderInfo render_info_of(const Sequence& q, int frame) {
@@ -178,6 +195,12 @@ std::string differences(const std::optional<RenderInfo>& was, const RenderInfo& 
   return parts.empty() ? "other settings changed" : fmt::format("{}", fmt::join(parts, "; "));
 }
 
+bool has_fingerprint(const Sequence& q, int frame, const Metadata& metadata) {
+  const auto it = metadata.find(kFingerprintKey);
+  const auto* stored = it == metadata.end() ? nullptr : std::get_if<std::string>(&it->second);
+  return stored && *stored == fingerprint(q.shot, q.scene, frame);
+}
+
 /// Whether the file of a frame is what would be rendered; logs why if it is there and is not.
 bool is_finished(const Sequence& q, int frame, const std::string& path) {
   std::error_code ignored;
@@ -185,9 +208,7 @@ bool is_finished(const Sequence& q, int frame, const std::string& path) {
   std::string why;
   try {
     const Metadata metadata = read_metadata(path);
-    const auto it = metadata.find(kFingerprintKey);
-    const auto* stored = it == metadata.end() ? nullptr : std::get_if<std::string>(&it->second);
-    if (stored && *stored == fingerprint(q.shot, q.scene, frame)) {
+    if (has_fingerprint(q, frame, metadata)) {
       read_frame(path);  // the header of a truncated file is whole; only its pixels tell
       return true;
     }
@@ -197,6 +218,38 @@ bool is_finished(const Sequence& q, int frame, const std::string& path) {
   }
   log_info(fmt::format("frame {}: rendering again, because of {}: {}", frame, path, why));
   return false;
+}
+
+/// The layers of a frame that the next one carries over.
+Frame carried_layers(const Sequence& q, const Frame& frame) {
+  Frame result(frame.width(), frame.height());
+  for (const std::string& name : q.integrator->carried()) {
+    const Layer* layer = frame.find(name);
+    result.create(layer->desc) = layer->image;
+  }
+  return result;
+}
+
+/// Those layers from the file of the frame, if it holds what would be rendered, else rendered for them alone.
+Frame make_carried(Sequence& q, int frame, const std::stop_token& stop) {
+  const std::string path = frame_path(q.shot.output, frame);
+  try {
+    if (std::error_code ignored;
+        std::filesystem::exists(path, ignored) && has_fingerprint(q, frame, read_metadata(path))) {
+      ReadOptions options;
+      options.layers = q.integrator->carried();
+      return read_frame(path, options);
+    }
+  } catch (const Error& e) {
+    log_debug(fmt::format("frame {}: {} cannot be used: {}", frame, path, e.message()));
+  }
+  log_info(fmt::format("frame {}: sampling the frame before, whose sample counts it repeats", frame + 1));
+  Frame picture = make_frame(*q.integrator, q.shot.settings, q.scene);
+  const FrameScene frame_scene(q, frame, nullptr, true);
+  CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
+  std::mutex mutex;
+  render_rounds(q, frame_scene.context(q, frame), picture, state, mutex, stop, [](const Tile&, const RenderTotals&) {});
+  return carried_layers(q, picture);
 }
 
 /// Refuses before rendering what could not be written after it. Errors: Error{kFailed}.
@@ -345,7 +398,8 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     }
   }
   plan.skipped = report.skipped.size();
-  plan.tiles = q.tiles.size();
+  const int rounds = q.integrator->rounds(shot.settings);
+  plan.tiles = q.tiles.size() * std::size_t(rounds);
   plan.width = q.width;
   plan.height = q.height;
   plan.settings = &shot.settings;
@@ -366,6 +420,8 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     for (RenderObserver* o : observers) o->frame_end(r);
   };
   FrameWriter writer(written, halt);
+  const bool carries = !q.integrator->carried().empty();
+  std::optional<std::pair<int, Frame>> carried;
 
   for (const int f : plan.frames) {
     if (halt.stop_requested()) break;
@@ -384,7 +440,8 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
         log_info(fmt::format("frame {}: starting over, because {} cannot be used: {}", f, partial, why));
       }
     }
-    const FrameScene frame_scene(q, f);
+    if (carries && (!carried || carried->first != f - 1)) carried = {f - 1, make_carried(q, f - 1, halt.get_token())};
+    const FrameScene frame_scene(q, f, carries ? &carried->second : nullptr);
     log_debug(fmt::format("frame {}: built in {:.3f} s, {:.1f} MiB, motion resampled to within {:.3g} m", f,
                           now() - frame_begin, double(frame_scene.rays.memory()) / (1 << 20),
                           frame_scene.rays.resampling_error()));
@@ -401,21 +458,25 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
       return copy;
     };
     {
-      const PeriodicCheckpoint periodic(options.checkpoint_seconds, [&] {
+      const PeriodicCheckpoint periodic(rounds == 1 ? options.checkpoint_seconds : 0, [&] {
         try {
           save_checkpoint(partial, print, frame, q.tiles, snapshot());
         } catch (const Error& e) {
           log_warning(fmt::format("no checkpoint of frame {}: {}", f, e.what()));
         }
       });
-      render_tiles(q, frame_scene.context(q, f), frame, state, mutex, halt.get_token(),
-                   [&](const Tile& t, const RenderTotals& totals) {
-                     for (RenderObserver* o : observers) o->tile_done(f, frame, t, totals);
-                   });
+      render_rounds(q, frame_scene.context(q, f), frame, state, mutex, halt.get_token(),
+                    [&](const Tile& t, const RenderTotals& totals) {
+                      for (RenderObserver* o : observers) o->tile_done(f, frame, t, totals);
+                    });
     }
     writer.check();
     if (std::find(state.done.begin(), state.done.end(), 0) != state.done.end()) {
       writer.finish();
+      if (rounds > 1) {  // later rounds build on all samples of all tiles
+        log_info(fmt::format("frame {}: stopped; it will start over, as frames with adaptive sampling do", f));
+        break;
+      }
       save_checkpoint(partial, print, frame, q.tiles, snapshot());
       log_info(fmt::format("frame {}: stopped; {} of {} tiles are kept in {}", f,
                            std::count(state.done.begin(), state.done.end(), 1), q.tiles.size(), partial));
@@ -423,6 +484,7 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     }
 
     finish_frame(*q.integrator, frame_scene.context(q, f), frame);
+    if (carries) carried = {f, carried_layers(q, frame)};
     RenderInfo info = render_info_of(q, f);
     info.command = options.command;
     info.render_seconds = earlier + now() - frame_begin;
@@ -454,10 +516,12 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
 Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals* totals) {
   Sequence q(shot, scene);
   Frame picture = make_frame(*q.integrator, shot.settings, scene);
-  const FrameScene frame_scene(q, frame);
+  std::optional<Frame> carried;
+  if (!q.integrator->carried().empty()) carried = make_carried(q, frame - 1, {});
+  const FrameScene frame_scene(q, frame, carried ? &*carried : nullptr);
   CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
   std::mutex mutex;
-  render_tiles(q, frame_scene.context(q, frame), picture, state, mutex, {}, [](const Tile&, const RenderTotals&) {});
+  render_rounds(q, frame_scene.context(q, frame), picture, state, mutex, {}, [](const Tile&, const RenderTotals&) {});
   finish_frame(*q.integrator, frame_scene.context(q, frame), picture);
   if (totals) *totals = state.totals;
   return picture;
@@ -470,7 +534,7 @@ Rgb replay_sample(const Shot& shot, const Scene& scene, const BadSample& b) {
                                                b.x, b.y, s.width, s.height));
   }
   Sequence q(shot, scene);
-  const FrameScene frame_scene(q, b.frame);
+  const FrameScene frame_scene(q, b.frame, nullptr, true);
   const FlushDenormals flush;  // as the render had it
   return q.integrator->replay(frame_scene.context(q, b.frame), b.x, b.y, b.sample);
 }

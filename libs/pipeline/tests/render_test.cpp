@@ -53,6 +53,13 @@ class RenderSequence : public testing::Test {
     set_log_level(LogLevel::kInfo);
   }
 
+  void adaptive() {
+    shot_.settings.spp = 16;
+    shot_.settings.layers = {"color", "samples"};
+    shot_.integrator = "temporal_gradient_path";
+    shot_.params = Params(find_integrator(shot_.integrator).params);
+    shot_.params.set("adaptive", std::string("published"));
+  }
   RenderReport render(bool resume = false, RenderObserver* observer = nullptr, std::stop_token stop = {}) {
     RenderOptions options;
     options.resume = resume;
@@ -142,6 +149,39 @@ TEST_F(RenderSequence, ThreadsAndSplitsDoNotChangeABit) {
         EXPECT_EQ(l.image, one[std::size_t(f - 1)].layer(l.desc.name)) << l.desc.name;
     }
   }
+}
+
+// The offset pass repeats the sample counts of the frame before, which a machine that renders one frame has not
+// rendered.
+TEST_F(RenderSequence, AdaptiveFramesDoNotDependOnTheSplit) {
+  adaptive();
+  with_threads(2, [&] { render(); });
+  std::vector<Frame> one;
+  for (const int f : shot_.frames) one.push_back(read_frame(file(f)));
+  const Image& samples = one[0].layer("samples");
+  EXPECT_NE(*std::min_element(samples.values().begin(), samples.values().end()),
+            *std::max_element(samples.values().begin(), samples.values().end()));
+  const auto expect_same = [&] {
+    for (int f = 1; f <= 3; ++f) {
+      const Frame other = read_frame(file(f));
+      for (const Layer& l : other.layers())
+        EXPECT_EQ(l.image, one[std::size_t(f - 1)].layer(l.desc.name)) << l.desc.name << " of frame " << f;
+    }
+  };
+  fs::remove_all(folder_);
+  for (const int f : {3, 1, 2}) {  // frame 2 finds the file of frame 1, the others find none
+    shot_.frames = {f};
+    with_threads(1, [&] { render(); });
+  }
+  expect_same();
+
+  fs::remove(file(2));
+  shot_.frames = {1, 2, 3};
+  StopAfter stop(12);  // in the second round
+  EXPECT_EQ(code_of([&] { render(true, &stop, stop.source.get_token()); }), ErrorCode::kCancelled);
+  EXPECT_EQ(files(), 2u) << "rounds leave nothing to continue from";
+  EXPECT_EQ(render(true).skipped, (std::vector<int>{1, 3}));
+  expect_same();
 }
 
 TEST_F(RenderSequence, ResumeSkipsWhatIsFinishedOnly) {

@@ -14,6 +14,7 @@
 #include <optional>
 #include <set>
 
+#include "row_weights.h"
 #include "tempera/core/log.h"
 #include "tempera/core/parallel.h"
 #include "tempera/core/random.h"
@@ -39,6 +40,13 @@ const std::vector<ParamSpec> kParams = {
      1e300,
      {"all", "dt", "none"}},
     {"strict_mixed", false, "use mixed differences only where the neighbouring pixel moves along"},
+    {"weights",
+     std::string("uniform"),
+     "weights of rows: uniform; local: differences over time count less where they are large around; variance: that, "
+     "and the others by color.var, grad.x.var, grad.y.var (and offset.*), which the frames must have",
+     -1e300,
+     1e300,
+     {"uniform", "local", "variance"}},
     {"schedule",
      std::string("fast"),
      "how l1 reweights: fast (6 rounds of 15 steps) or published (20 of 50)",
@@ -57,6 +65,8 @@ std::string layer_file(const std::string& path, const std::string& layer) {
   throw Error(ErrorCode::kBadInput, layer_file(path, layer) + " " + what);
 }
 
+enum class RowWeights { kUniform, kLocal, kVariance };
+
 /// Parameters in the form in which the driver needs them.
 struct Settings {
   /// `temporal`: whether the frames have an offset pass; without it there is nothing that windows could share.
@@ -70,6 +80,8 @@ struct Settings {
     runs.mixed = rows == "all";
     runs.strict_mixed = p.get_bool("strict_mixed");
     if (!runs.mixed) poisson.weights.mixed = 0;
+    const std::string& rule = p.get_string("weights");
+    weights = rule == "variance" ? RowWeights::kVariance : rule == "local" ? RowWeights::kLocal : RowWeights::kUniform;
     window = p.get_int("window");
     overlap = p.get_int("overlap");
     if (overlap < 0) overlap = window / 2;
@@ -79,9 +91,12 @@ struct Settings {
           fmt::format("an overlap of {} frames needs windows of more than {}, not of {}", overlap, overlap, window));
     }
     if (rows == "none" || !temporal) window = 1, overlap = 0;
+    // Frames alone have no differences over time that could be weighted.
+    if (window == 1 && weights == RowWeights::kLocal) weights = RowWeights::kUniform;
   }
   PoissonSettings poisson;
   MotionRunOptions runs;
+  RowWeights weights = RowWeights::kUniform;
   int window = 10, overlap = 5;
 };
 
@@ -98,6 +113,7 @@ bool keeps_piece(const FrameRange& piece, bool goes_on, int begin, int length, i
 /// The layers of one pass of a file.
 struct Pass {
   Image color, grad_x, grad_y;
+  Image color_variance, grad_x_variance, grad_y_variance;  ///< empty unless asked for
 };
 
 /// What a file holds for the reconstruction.
@@ -150,7 +166,8 @@ void check_finite(const std::string& path, const std::string& layer, const Image
 /// Reads the files of a sequence and checks them.
 class Reader {
  public:
-  Reader(const FrameSequence& sequence, int first) : sequence_(sequence) {
+  /// `variances`: whether to read those of the passes, too.
+  Reader(const FrameSequence& sequence, int first, bool variances) : sequence_(sequence), variances_(variances) {
     const FrameHeader header = read_header(sequence.path(first));
     width_ = header.width, height_ = header.height;
     first_path_ = sequence.path(first);
@@ -176,16 +193,23 @@ class Reader {
     };
     const std::string samples = layers::offset(layers::samples()).name;
     std::vector<LayerDesc> wanted{layers::color(), layers::grad_x(), layers::grad_y()};
+    if (variances_) {
+      for (const LayerDesc& d : {layers::color_variance(), layers::grad_x_variance(), layers::grad_y_variance()})
+        wanted.push_back(d);
+    }
     if (temporal_) {
-      for (const LayerDesc& d : {layers::color(), layers::grad_x(), layers::grad_y(), layers::source()})
-        wanted.push_back(layers::offset(d));
+      for (const std::vector<LayerDesc> base = wanted; const LayerDesc& d : base) wanted.push_back(layers::offset(d));
+      wanted.push_back(layers::offset(layers::source()));
     }
     ReadOptions options;
     for (const LayerDesc& d : wanted) {
       if (!has(d.name)) {
         throw Error(ErrorCode::kBadInput,
-                    fmt::format("{} has no layer \"{}\": reconstruction needs the frames of the integrator {}", in.path,
-                                d.name, temporal_ ? "temporal_gradient_path" : "gradient_path"));
+                    d.name.ends_with(".var")
+                        ? fmt::format("{} has no layer \"{}\", which --weights variance needs; render it with --layers",
+                                      in.path, d.name)
+                        : fmt::format("{} has no layer \"{}\": reconstruction needs the frames of the integrator {}",
+                                      in.path, d.name, temporal_ ? "temporal_gradient_path" : "gradient_path"));
       }
       options.layers.push_back(d.name);
     }
@@ -198,7 +222,12 @@ class Reader {
       return std::move(image);
     };
     const auto take_pass = [&](const std::string& prefix) {
-      return Pass{take(prefix + "color", 3), take(prefix + "grad.x", 3), take(prefix + "grad.y", 3)};
+      Pass pass{take(prefix + "color", 3), take(prefix + "grad.x", 3), take(prefix + "grad.y", 3), {}, {}, {}};
+      if (variances_) {
+        pass.color_variance = take(prefix + "color.var", 3);
+        pass.grad_x_variance = take(prefix + "grad.x.var", 3), pass.grad_y_variance = take(prefix + "grad.y.var", 3);
+      }
+      return pass;
     };
     in.base = take_pass("");
     const auto all = [](int, int) { return true; };
@@ -236,7 +265,7 @@ class Reader {
   const FrameSequence& sequence_;
   std::string first_path_;
   int width_ = 0, height_ = 0;
-  bool temporal_ = false;
+  bool temporal_ = false, variances_ = false;
 };
 
 /// phi from the frame before to `in`, whose offset pass tells the inverse. [Manzi 2016, Sec. 4.2]
@@ -290,6 +319,35 @@ void combine_passes(const Input& in, PoissonFrame& out) {
       8);
 }
 
+/// Variances of what combine_passes makes; those that are not finite count as none.
+DataVariance combine_variances(const Input& in, int w, int h) {
+  DataVariance out{Image(w, h, 1), Image(w, h, 1), Image(w, h, 1)};
+  const bool two = !in.sampled.empty();
+  const auto sampled = [&](int x, int y) {
+    return two && in.sampled[std::size_t(y) * std::size_t(w) + std::size_t(x)] != 0;
+  };
+  parallel_for(
+      0, h,
+      [&](std::int64_t row) {
+        const int y = int(row);
+        const auto mean = [&](const Image& base, const Image& offset, int x, bool both) {
+          const Rgb b = base.rgb(x, y), v = both ? (b + offset.rgb(x, y)) * 0.25f : b;
+          const float m = (v.r + v.g + v.b) / 3;
+          return std::isfinite(m) && m > 0 ? m : 0.0f;
+        };
+        for (int x = 0; x < w; ++x) {
+          const bool here = sampled(x, y);
+          out.primal.at(x, y) = mean(in.base.color_variance, in.offset.color_variance, x, here);
+          out.dx.at(x, y) =
+              mean(in.base.grad_x_variance, in.offset.grad_x_variance, x, here && x + 1 < w && sampled(x + 1, y));
+          out.dy.at(x, y) =
+              mean(in.base.grad_y_variance, in.offset.grad_y_variance, x, here && y + 1 < h && sampled(x, y + 1));
+        }
+      },
+      8);
+  return out;
+}
+
 /// Temporal and mixed data of a frame: its base pass taken from the offset pass of the next one. [Manzi 2016,
 /// Sec. 4.2.1]
 void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
@@ -315,7 +373,8 @@ void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
 /// The frames of a window and a few around it, in order without gaps.
 class FrameBuffer {
  public:
-  FrameBuffer(const Reader& reader, const MotionRunOptions& runs) : reader_(reader), runs_(runs) {}
+  FrameBuffer(const Reader& reader, const MotionRunOptions& runs, RowWeights weights)
+      : reader_(reader), runs_(runs), weights_(weights) {}
 
   /// Makes frames first to last available; forgets those before `first`. Errors: those of reading.
   void hold(int first, int last, const std::function<void()>& before_read) {
@@ -336,6 +395,7 @@ class FrameBuffer {
     int frame = 0;
     std::unique_ptr<PoissonFrame> data;
     bool continues = true;
+    double variance = 0;  ///< the reference of set_spatial_precision
   };
   const Slot& slot(int f) const { return slots_[std::size_t(f - slots_.front().frame)]; }
 
@@ -344,6 +404,9 @@ class FrameBuffer {
     const int w = reader_.width(), h = reader_.height();
     Slot slot{f, std::make_unique<PoissonFrame>(w, h), true};
     combine_passes(*in, *slot.data);
+    if (weights_ == RowWeights::kVariance)
+      slot.variance = set_spatial_precision(*slot.data, combine_variances(*in, w, h));
+    if (weights_ == RowWeights::kLocal) set_uniform_precision(*slot.data);
     if (last_read_) {
       slot.continues = false;
       if (reader_.temporal() && in->camera == last_read_->camera) {
@@ -352,6 +415,7 @@ class FrameBuffer {
         if (slot.continues && !slots_.empty()) {
           slots_.back().data->motion = std::move(runs);
           subtract_passes(last_read_->base, *in, *slots_.back().data);
+          if (weights_ != RowWeights::kUniform) set_temporal_precision(*slots_.back().data, slots_.back().variance);
         }
       }
     }
@@ -362,6 +426,7 @@ class FrameBuffer {
 
   const Reader& reader_;
   MotionRunOptions runs_;
+  RowWeights weights_;
   std::deque<Slot> slots_;
   std::unique_ptr<Input> last_read_;
 };
@@ -496,7 +561,7 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
     }
   }
 
-  const Reader reader(input, wanted.front());
+  const Reader reader(input, wanted.front(), options.params.get_string("weights") == "variance");
   const Settings settings(options.params, reader.temporal());
   const WindowGrid grid{settings.window, settings.window - settings.overlap};
   const FrameRange sequence = options.sequence.value_or(FrameRange{have.front(), have.back()});
@@ -562,7 +627,7 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
     const TemporaryFile probe(out_path(targets.begin()->first));  // what cannot be written is known before the work
   }
 
-  FrameBuffer buffer(reader, settings.runs);
+  FrameBuffer buffer(reader, settings.runs, settings.weights);
   struct Blend {
     PlanarFrames mean;
     double weight = 0;

@@ -111,10 +111,12 @@ using Picture = std::function<Rgb(int x, int y)>;
 struct Sequence {
   int width = 24, height = 18;
   std::function<Rgb(int x, int y, int frame)> truth = [](int, int, int) { return Rgb(0.25f, 0.5f, 0.125f); };
-  std::function<Rgb(int x, int y, int frame, bool offset)> noise;  ///< of colors; differences follow from them
-  Vec2<int> velocity;                                              ///< pixels a frame
-  std::set<int> cuts;                                              ///< frames that replay nothing
-  bool fill = true;                                                ///< whether pixels that replay nothing have samples
+  using Noise = std::function<Rgb(int x, int y, int frame, bool offset)>;
+  Noise noise;               ///< of colors; differences follow from them,
+  Noise noise_dx, noise_dy;  ///< unless they have noise of their own
+  Vec2<int> velocity;        ///< pixels a frame
+  std::set<int> cuts;        ///< frames that replay nothing
+  bool fill = true;          ///< whether pixels that replay nothing have samples
   bool temporal = true;
 };
 
@@ -135,15 +137,19 @@ class Reconstruct : public testing::Test {
         const Rgb v = s.truth(x, y, frame);
         return s.noise ? v + s.noise(x, y, frame, offset) : v;
       };
+      const auto difference = [&](int x, int y, int dx, int dy) {
+        const Sequence::Noise& own = dx ? s.noise_dx : s.noise_dy;
+        if (!own) return value(x + dx, y + dy) - value(x, y);
+        return s.truth(x + dx, y + dy, frame) - s.truth(x, y, frame) + own(x, y, frame, offset);
+      };
       const auto layer = [&](const LayerDesc& d) -> Image& { return f.create(offset ? layers::offset(d) : d); };
       Image &color = layer(layers::color()), &gx = layer(layers::grad_x()), &gy = layer(layers::grad_y());
       for (int y = 0; y < s.height; ++y) {
         for (int x = 0; x < s.width; ++x) {
-          const Rgb v = value(x, y);
-          color.set_rgb(x, y, v);
+          color.set_rgb(x, y, value(x, y));
           color.at(x, y, 3) = 0.5f;
-          gx.set_rgb(x, y, x + 1 < s.width ? value(x + 1, y) - v : Rgb(NAN));
-          gy.set_rgb(x, y, y + 1 < s.height ? value(x, y + 1) - v : Rgb(NAN));
+          gx.set_rgb(x, y, x + 1 < s.width ? difference(x, y, 1, 0) : Rgb(NAN));
+          gy.set_rgb(x, y, y + 1 < s.height ? difference(x, y, 0, 1) : Rgb(NAN));
         }
       }
     };
@@ -205,7 +211,7 @@ class Reconstruct : public testing::Test {
 };
 
 /// Noise of which the offset pass of frame f + 1 repeats most of the base pass of f at the pixel that it replays.
-std::function<Rgb(int, int, int, bool)> replayed_noise(Vec2<int> v, double sigma) {
+Sequence::Noise replayed_noise(Vec2<int> v, double sigma, std::uint64_t seed = 1) {
   return [=](int x, int y, int frame, bool offset) {
     const int sx = offset ? x - v.x : x, sy = offset ? y - v.y : y, stream = offset ? frame - 1 : frame;
     Rgb n;
@@ -214,8 +220,8 @@ std::function<Rgb(int, int, int, bool)> replayed_noise(Vec2<int> v, double sigma
         return hash_key(std::uint64_t(px + 1000), std::uint64_t(py + 1000), std::uint64_t(s + 1000), std::uint64_t(c),
                         std::uint64_t(part));
       };
-      n[c] = float(sigma * (test::normal(1, address(sx, sy, stream, 0)) +
-                            0.1 * test::normal(1, address(x, y, frame, offset ? 1 : 2))));
+      n[c] = float(sigma * (test::normal(seed, address(sx, sy, stream, 0)) +
+                            0.1 * test::normal(seed, address(x, y, frame, offset ? 1 : 2))));
     }
     return n;
   };
@@ -342,6 +348,83 @@ TEST_F(Reconstruct, ReplayedNoiseFlickersLess) {
     return sum;
   };
   EXPECT_LT(flicker("together"), 0.2 * flicker("alone"));
+}
+
+/// Noise of pictures and differences in either half of a sequence; the offset pass of the right half repeats that of
+/// its base pass only if `replays`.
+void set_halves(Sequence& s, double left, double right, bool replays) {
+  const auto noise = [&](double of_both, std::uint64_t seed) -> Sequence::Noise {
+    const auto a = replayed_noise(s.velocity, of_both * left, seed),
+               b = replayed_noise(s.velocity, of_both * right, seed),
+               other = replayed_noise(s.velocity, of_both * right, seed + 3);
+    return [=, middle = s.width / 2](int x, int y, int frame, bool offset) {
+      return (x < middle ? a : offset && !replays ? other : b)(x, y, frame, offset);
+    };
+  };
+  s.noise = noise(1, 1), s.noise_dx = noise(0.2, 2), s.noise_dy = noise(0.2, 3);
+}
+
+TEST_F(Reconstruct, LocalWeightsKeepBadReplaysOut) {
+  Sequence s;
+  s.width = 48, s.height = 32;
+  s.velocity = {0, 1};
+  s.truth = moving_pattern(s.velocity);
+  set_halves(s, 0.1, 0.1, false);
+  const auto in = write("in", s, 0, 8);
+  const auto error = [&](const std::string& name) {
+    double sum = 0;
+    for (int f = 0; f < 8; ++f) sum += rms(result(name, f), [&](int x, int y) { return s.truth(x, y, f); });
+    return sum;
+  };
+  for (const std::string norm : {"l1", "l2"}) {
+    run(in, norm, "norm=" + norm);
+    run(in, norm + "_local", "weights=local,norm=" + norm);
+    EXPECT_LT(error(norm + "_local"), 0.9 * error(norm)) << norm;
+    // Alone, frames have no differences over time that could be weighted.
+    run(in, norm + "_alone", "window=1,norm=" + norm);
+    run(in, norm + "_alone_local", "window=1,weights=local,norm=" + norm);
+    EXPECT_EQ(error(norm + "_alone_local"), error(norm + "_alone"));
+  }
+}
+
+TEST_F(Reconstruct, VarianceWeightsKeepNoiseWhereItIs) {
+  Sequence s;
+  s.width = 48, s.height = 32;
+  s.velocity = {0, 1};
+  s.truth = moving_pattern(s.velocity);
+  set_halves(s, 0.02, 0.6, true);
+  const auto plain = write("plain", s, 0, 6);
+  EXPECT_EQ(error_of(plain, ErrorCode::kBadInput, "weights=variance"),
+            plain.path(0) + " has no layer \"grad.x.var\", which --weights variance needs; render it with --layers");
+  for (int f = 0; f < 6; ++f) {
+    Frame frame = make(s, f, 0);
+    for (const std::string prefix : {"", "offset."}) {
+      for (const std::string name : {"color.var", "grad.x.var", "grad.y.var"}) {
+        Image& image = frame.create(*layers::find(prefix + name));
+        for (int y = 0; y < s.height; ++y) {
+          for (int x = 0; x < s.width; ++x) {
+            const float sigma = x < 24 ? 0.02f : 0.6f;
+            image.set_rgb(x, y, Rgb(sigma * sigma * (name[0] == 'c' ? 1.0f : 0.04f)));
+          }
+        }
+      }
+    }
+    write_frame(frame_path(path("in.####.exr"), f), frame);
+  }
+  const FrameSequence in(path("in.####.exr"));
+  for (const std::string window : {"1", "10"}) {
+    run(in, "uniform" + window, "norm=l2,iterations=100,window=" + window);
+    run(in, "variance" + window, "weights=variance,norm=l2,iterations=100,window=" + window);
+    const auto error = [&](const std::string& name) {  // of the quiet half
+      double sum = 0;
+      for (int f = 0; f < 6; ++f) {
+        const Frame frame = result(name + window, f);
+        sum += rms(frame, [&](int x, int y) { return x < 22 ? s.truth(x, y, f) : frame.layer("color").rgb(x, y); });
+      }
+      return sum;
+    };
+    EXPECT_LT(error("variance"), 0.65 * error("uniform")) << window;
+  }
 }
 
 TEST_F(Reconstruct, ChunksGiveTheBitsOfTheWhole) {

@@ -43,6 +43,7 @@ struct GalleryScene {
   double fps = 24;
   double shutter_open = 0, shutter_close = 0.5;
   int spp = 64;
+  bool independent_samples = false;  ///< so that squared errors fall as 1 / samples
   int max_depth = 12;
   int reference_spp = 4096;  ///< samples per pixel of `tempera gallery reference`
   std::vector<GalleryClass> classes;

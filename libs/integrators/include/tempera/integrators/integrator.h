@@ -54,7 +54,7 @@ struct RenderSettings {
   int y1() const { return crop_width > 0 ? crop_y + crop_height : height; }
 };
 
-/// What an integrator works out once for a frame and all its tiles share.
+/// What an integrator works out for a frame, and all its tiles share.
 struct FramePlan {
   virtual ~FramePlan() = default;
 };
@@ -68,7 +68,8 @@ struct FrameContext {
   const LightPathClassifier& classifier;
   const RenderSettings& settings;
   int frame = 0;
-  const FramePlan* plan = nullptr;  ///< what the integrator's `prepare` returned
+  FramePlan* plan = nullptr;  ///< what the integrator's `prepare` returned; a tile changes nothing of another's there
+  bool for_next = false;      ///< only what the next frame needs (Integrator::carried) is wanted of this one
 };
 
 /// The quantum of parallelism, checkpoint and resume: pixels [x0,x1) x [y0,y1) of the frame with all their samples.
@@ -105,11 +106,20 @@ class Integrator {
 
   /// How many frames before the one that is rendered `prepare` looks at: 0 or 1.
   virtual int frames_before() const { return 0; }
+  /// Layers of the frame before that `prepare` needs as they were rendered.
+  virtual std::vector<std::string> carried() const { return {}; }
   /// Called before the tiles of a frame. `before`: the preceding frame, if frames_before() asks for it; its rays serve
-  /// the middle of its exposure only. Threads: called from one, may use parallel_for.
-  virtual std::unique_ptr<FramePlan> prepare(const FrameContext& /*context*/, const FrameContext* /*before*/) const {
+  /// the middle of its exposure only. `rendered`: the layers of that frame that carried() names; null if it names none,
+  /// or if context.for_next. Threads: called from one, may use parallel_for.
+  virtual std::unique_ptr<FramePlan> prepare(const FrameContext& /*context*/, const FrameContext* /*before*/,
+                                             const Frame* /*rendered*/) const {
     return nullptr;
   }
+
+  /// How often `render` is called for each tile of a frame: for all tiles of a round before any of the next.
+  virtual int rounds(const RenderSettings& /*settings*/) const { return 1; }
+  /// Called before each round but the first, when all tiles of `out` are rendered. Threads: as `prepare`.
+  virtual void next_round(const FrameContext& /*context*/, const Frame& /*out*/) const {}
 
   /// Writes the estimates of one tile to `out`.
   /// Shapes:  every layer of `outputs()` exists in `out` with the size of the crop window; tile coordinates are pixels

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: Apache-2.0
+// Gradient-domain rendering from the scene to the reconstructed frames: with L2 and counts that do not depend on the
+// samples they weight, the expected value is that of path tracing.
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <numeric>
+
+#include "support/effort.h"
+#include "tempera/pipeline/render.h"
+#include "tempera/stages/reconstruct.h"
+
+namespace tempera {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Method {
+  const char* name;
+  const char* integrator;
+  std::vector<std::string> parameters;
+};
+void PrintTo(const Method& m, std::ostream* out) { *out << m.name; }
+
+class Reconstruction : public testing::TestWithParam<Method> {
+ protected:
+  void SetUp() override {
+    folder_ = fs::temp_directory_path() / fmt::format("tempera_unbiased_{}_{}", GetParam().name, getpid());
+    fs::create_directories(folder_);
+    set_log_level(LogLevel::kWarning);
+  }
+  void TearDown() override {
+    fs::remove_all(folder_);
+    set_log_level(LogLevel::kInfo);
+  }
+  LoadedShot load(const std::vector<std::string>& more) const {
+    ShotConfig config = read_shot_config(std::string(TEMPERA_SOURCE_DIR) + "/scenes/tests/cornell_motion.xml");
+    for (const char* key : {"film.resolution=16x12", "film.filter=box", "sampling.sampler=independent"})
+      config.assign(key);
+    for (const std::string& key : more) config.assign(key);
+    Warnings warnings;
+    return load_shot(config, {}, warnings);
+  }
+  std::string path(const char* name) const { return (folder_ / name).string(); }
+
+  fs::path folder_;
+};
+
+constexpr int kWidth = 16, kHeight = 12, kFrames = 3, kFirst = 20;
+constexpr std::array<int, 4> kSizes{kWidth, kHeight, kFrames, 3};  // 3: channels
+constexpr int kValues = kWidth * kHeight * kFrames * 3;
+
+/// Value i of basis function k of the orthonormal cosine transform of n values.
+double cosine(int n, int k, int i) { return std::sqrt((k == 0 ? 1.0 : 2.0) / n) * std::cos(kPiD * k * (i + 0.5) / n); }
+
+/// Along each axis in turn, out[k] = sum of weight(cosine) * in[i].
+template <class F>
+std::vector<double> transform(std::vector<double> values, F&& weight) {
+  std::size_t stride = 1;
+  for (const int n : kSizes) {
+    std::vector<double> out(values.size());
+    for (std::size_t at = 0; at < values.size(); ++at) {
+      const int k = int(at / stride) % n;
+      const std::size_t base = at - std::size_t(k) * stride;
+      for (int i = 0; i < n; ++i) out[at] += weight(cosine(n, k, i)) * values[base + std::size_t(i) * stride];
+    }
+    values = std::move(out);
+    stride *= std::size_t(n);
+  }
+  return values;
+}
+
+void append(std::vector<double>& values, const Image& image, int channel) {
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) values.push_back(double(image.at(x, y, channel)));
+  }
+}
+
+/// The layer of all frames as kSizes says.
+template <class Read>
+std::vector<double> gather(const std::string& layer, Read&& read) {
+  std::vector<double> values;
+  values.reserve(kValues);
+  for (int c = 0; c < 3; ++c) {
+    for (int f = 0; f < kFrames; ++f) append(values, read(kFirst + f).layer(layer), c);
+  }
+  return values;
+}
+
+// Errors of a solution go together over neighbouring pixels and frames, but those of its frequencies hardly: each
+// coefficient of the cosine transform over x, y, time and color is compared with a converged picture's.
+// [Manzi 2016, Sec. 3.1: L2 is unbiased]
+TEST_P(Reconstruction, HasTheMeanOfPathTracing) {
+  const int runs = 24 * test::effort(), spp = 16;
+  const LoadedShot truth = load({fmt::format("sampling.spp={}", 4 * runs * spp), "sampling.seed=977",
+                                 "output.layers=color,color.var", "integrator.rr_depth=100"});
+  std::vector<Frame> pictures;
+  for (int f = 0; f < kFrames; ++f) pictures.push_back(render_frame(truth.shot, truth.scene, kFirst + f));
+  const auto picture = [&](int f) -> const Frame& { return pictures[std::size_t(f - kFirst)]; };
+  // In units of the noise of each pixel: else a few pixels in which caustics flash would be most of every coefficient.
+  std::vector<double> variance = gather("color.var", picture), scale;
+  const double floor = 0.1 * std::accumulate(variance.begin(), variance.end(), 0.0) / kValues;
+  for (double& v : variance) {
+    scale.push_back(1 / std::sqrt(v + floor));
+    v *= sqr(scale.back());
+  }
+  const auto spectrum = [&](std::vector<double> values) {
+    for (std::size_t i = 0; i < values.size(); ++i) values[i] *= scale[i];
+    return transform(std::move(values), [](double c) { return c; });
+  };
+  const std::vector<double> expected = spectrum(gather("color", picture)),
+                            noise = transform(variance, [](double c) { return c * c; });
+
+  std::vector<std::string> keys{fmt::format("sampling.spp={}", spp),
+                                fmt::format("integrator.name={}", GetParam().integrator)};
+  keys.insert(keys.end(), GetParam().parameters.begin(), GetParam().parameters.end());
+  LoadedShot shot = load(keys);
+  shot.shot.frames.clear();
+  for (int f = 0; f < kFrames; ++f) shot.shot.frames.push_back(kFirst + f);
+  shot.shot.output = path("in.####.exr");
+  ReconstructOptions options;
+  options.params.set("norm", std::string("l2"));
+  options.params.set("iterations", 400);
+  StageObserver observer;
+  std::vector<double> sums(kValues), squares(kValues);
+  for (int r = 0; r < runs; ++r) {
+    shot.shot.settings.seed = std::uint64_t(r);
+    render_sequence(shot.shot, shot.scene, {}, {}, {});
+    const std::string out = path("out.####.exr");
+    reconstruct(FrameSequence(shot.shot.output), out, options, observer, {});
+    const auto values = spectrum(gather("color", [&](int f) { return read_frame(frame_path(out, f)); }));
+    for (std::size_t i = 0; i < values.size(); ++i) sums[i] += values[i], squares[i] += sqr(values[i]);
+  }
+
+  const auto z_square = [&](std::size_t i) {
+    const double mean = sums[i] / runs, own = (squares[i] / runs - mean * mean) / (runs - 1);
+    return sqr(mean - expected[i]) / (own + noise[i]);
+  };
+  double z2 = 0;
+  for (std::size_t i = 0; i < kValues; ++i) z2 += z_square(i) / kValues;
+  std::printf("%s: mean z^2 %.3f, z of the mean %.2f\n", GetParam().name, z2, std::sqrt(z_square(0)));
+  EXPECT_LT(z_square(0), sqr(3.8)) << "the mean of all values";
+  // Squares of Student's t with runs - 1 degrees of freedom. Bounds: four times their spread over so many values.
+  const double n = runs - 1, wanted = n / (n - 2);
+  const double spread = std::sqrt(2 * n * n * (n - 1) / (sqr(n - 2) * (n - 4)) / kValues);
+  EXPECT_LT(z2, wanted + 4 * spread);
+  EXPECT_GT(z2, 0.6 * wanted) << "rare large values, as the fewest samples of adaptive sampling have, raise variances";
+}
+
+INSTANTIATE_TEST_SUITE_P(Methods, Reconstruction,
+                         testing::Values(Method{"gradient", "gradient_path", {"integrator.rr_depth=100"}},
+                                         Method{"temporal", "temporal_gradient_path", {"integrator.rr_depth=100"}},
+                                         Method{"roulette", "temporal_gradient_path", {"integrator.rr_depth=1"}},
+                                         Method{"adaptive",
+                                                "temporal_gradient_path",
+                                                {"integrator.rr_depth=100", "integrator.adaptive=unbiased"}}),
+                         [](const auto& i) { return std::string(i.param.name); });
+
+}  // namespace
+}  // namespace tempera
