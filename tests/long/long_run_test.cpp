@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // A sequence of ten seconds, rendered and reconstructed: it fits into the memory that is promised, and being killed in
-// the middle of either step changes no bit. Takes up to 7 GB of disk in the folder for temporary files.
+// the middle of either step changes no bit. Takes up to 8 GB of disk in the folder for temporary files.
 #include <sys/resource.h>
 
 #include <cstdlib>
@@ -69,8 +69,12 @@ TEST_F(LongRun, TwoHundredAndFortyFramesSurviveBeingKilledInLittleMemory) {
   std::printf("%s", whole.err.substr(whole.err.rfind("\nrender ") + 1).c_str());
   std::printf("%.2f GB rendered, %.2f GB final\n", gigabytes("whole"), gigabytes("whole/final"));
   report("undisturbed");
-  for (int f = 0; f < kFrames; ++f) fs::remove(rendered("whole", f));  // for the sake of the disk
 
+  // To save time, all but the middle of the sequence counts as rendered before the first kill.
+  fs::create_directories(path("killed"));
+  for (int f = 0; f < kFrames; ++f) {
+    if (f < kFrames * 2 / 5 || f > kFrames * 3 / 5) fs::create_hard_link(rendered("whole", f), rendered("killed", f));
+  }
   const auto kill_when = [&](const fs::path& file) {
     Process p(arguments("killed"));
     ASSERT_TRUE(p.wait_until([&] { return fs::exists(file); }, kPatience)) << p.err_so_far();
@@ -78,7 +82,7 @@ TEST_F(LongRun, TwoHundredAndFortyFramesSurviveBeingKilledInLittleMemory) {
     EXPECT_EQ(p.finish().status, 128 + SIGKILL);
   };
   kill_when(rendered("killed", kFrames / 2));
-  EXPECT_FALSE(fs::exists(rendered("killed", kFrames - 1)));
+  EXPECT_FALSE(fs::exists(rendered("killed", kFrames * 3 / 5)));
   report("killed in the rendering");
   kill_when(final_frame("killed", kFrames / 2));
   EXPECT_FALSE(fs::exists(final_frame("killed", kFrames - 1)));
@@ -87,8 +91,10 @@ TEST_F(LongRun, TwoHundredAndFortyFramesSurviveBeingKilledInLittleMemory) {
   ASSERT_EQ(resumed.status, 0) << resumed.err;
   EXPECT_NE(resumed.err.find("0 frames rendered, 240 found finished"), std::string::npos);
   report("resumed");
-  for (int f = 0; f < kFrames; ++f)
+  for (int f = 0; f < kFrames; ++f) {
+    EXPECT_TRUE(SamePixels(rendered("whole", f).string(), rendered("killed", f).string()));
     EXPECT_TRUE(SamePixels(final_frame("whole", f).string(), final_frame("killed", f).string()));
+  }
   EXPECT_LT(usage().gibibytes, 4e9 / (1 << 30));
 }
 
