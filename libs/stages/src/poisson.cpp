@@ -10,6 +10,9 @@
 #include "tempera/core/parallel.h"
 #include "tempera/core/vec.h"
 #include "tempera/stages/cosine_transform.h"
+#ifdef TEMPERA_CUDA
+#include "poisson_cuda.h"
+#endif
 
 namespace tempera {
 namespace {
@@ -630,8 +633,23 @@ PoissonSettings PoissonSettings::published() {
   return s;
 }
 
+bool has_cuda() {
+#ifdef TEMPERA_CUDA
+  return cuda_device_count() > 0;
+#else
+  return false;
+#endif
+}
+
 PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const PoissonSettings& settings,
                             PlanarFrames& x, std::stop_token stop, const PoissonProgress& progress) {
+  if (settings.device == PoissonDevice::kCuda && !has_cuda()) {
+#ifdef TEMPERA_CUDA
+    throw Error(ErrorCode::kUnsupported, "there is no CUDA device that can be used; --device cpu needs none");
+#else
+    throw Error(ErrorCode::kUnsupported, "this build has no CUDA solver (-DTEMPERA_CUDA=ON); --device cpu needs none");
+#endif
+  }
   TEMPERA_ASSERT(!window.empty() && x.frames() == int(window.size()) && x.width() == window[0]->width() &&
                  x.height() == window[0]->height());
   const int w = x.width(), h = x.height(), frames = x.frames();
@@ -641,15 +659,17 @@ PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const P
   const bool l1 = settings.norm == PoissonNorm::kL1;
   const int rounds = l1 ? settings.rounds : 1, round_steps = l1 ? settings.round_steps : settings.l2_steps;
   int round = 0;
+  const auto before_step = [&](int of_round, int step) {
+    if (stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped");
+    if (progress) progress((of_round + double(step) / round_steps) / rounds);
+  };
   const auto steps = [&](int n) {
     if (v.p.frames() == 0) v.p = PlanarFrames(w, h, frames), v.q = PlanarFrames(w, h, frames);
     int step = 0;
-    report.steps += conjugate_gradients(system, n, x, v, report.residual, [&] {
-      if (stop.stop_requested()) throw Error(ErrorCode::kCancelled, "stopped");
-      if (progress) progress((round + double(step++) / n) / rounds);
-    });
+    report.steps += conjugate_gradients(system, n, x, v, report.residual, [&] { before_step(round, step++); });
   };
   const bool precise = window[0]->has_precision();
+  const bool on_cuda = settings.device == PoissonDevice::kCuda;
   if (system.is_separable() && !precise) {
     solve_separable(system, v.r, x);
     report.direct = true;
@@ -660,9 +680,16 @@ PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const P
       system.set_linked(true);
     }
     if (precise) system.set_precise();
-    steps(round_steps);
+    if (!on_cuda) steps(round_steps);
   }
   const double mean = mean_luminance(window), unit = settings.relative && mean > 0 ? mean : 1;
+#ifdef TEMPERA_CUDA
+  if (on_cuda) {
+    v = {};
+    solve_rounds_on_cuda(FlatWindow(window), settings, report.direct ? 1 : 0, unit, x, report, before_step);
+    return report;
+  }
+#endif
   for (round = 1; round < rounds; ++round) {
     const double epsilon = unit * std::max(settings.epsilon_floor, settings.epsilon * std::exp2(1 - round));
     report.objective = system.reweight(x, epsilon, unit);

@@ -53,6 +53,12 @@ const std::vector<ParamSpec> kParams = {
      -1e300,
      1e300,
      {"fast", "published"}},
+    {"device",
+     std::string("cpu"),
+     "what solves: cpu; cuda in builds with it, the same but for rounding",
+     -1e300,
+     1e300,
+     {"cpu", "cuda"}},
     {"rounds", 0, "rounds of l1; 0: as the schedule says", 0, 1000},
     {"iterations", 0, "steps of each round of l1, or of l2; 0: as the schedule says", 0, 100000},
 };
@@ -73,6 +79,7 @@ struct Settings {
   Settings(const Params& p, bool temporal) {
     poisson = p.get_string("schedule") == "published" ? PoissonSettings::published() : PoissonSettings{};
     poisson.norm = p.get_string("norm") == "l1" ? PoissonNorm::kL1 : PoissonNorm::kL2;
+    if (p.get_string("device") == "cuda") poisson.device = PoissonDevice::kCuda;
     poisson.weights.alpha = float(p.get_double("alpha"));
     if (const int n = p.get_int("rounds"); n > 0) poisson.rounds = n;
     if (const int n = p.get_int("iterations"); n > 0) poisson.l2_steps = poisson.round_steps = n;

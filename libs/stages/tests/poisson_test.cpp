@@ -3,8 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <limits>
 
+#include "../src/poisson_rows.h"
 #include "random_motion.h"
 #include "synthetic_window.h"
 #include "tempera/core/error.h"
@@ -549,6 +551,78 @@ TEST(Poisson, RobustLossFallsFromRoundToRound) {
     EXPECT_LT(report.objective, last);
     last = report.objective;
   }
+}
+
+// The rows as other processors see them, a pixel each, against their definition; CUDA kernels are made of the same
+// functions.
+TEST(PoissonRows, OfPixelsAreThoseOfTheDefinition) {
+  const RandomSystem s(37, 23, 4);
+  const auto span = s.window.span();
+  PoissonSystem system(span, {});
+  system.reweight(s.window.truth, 0.02, 1);
+  const FlatWindow flat(span);
+  const FlatRows rows = flat.rows();
+  const std::size_t n = flat.pixels();
+  std::vector<float> x(3 * n), residual(3 * kRowSets * n);
+  const auto place = [&](int g) { return std::array{g / (s.w * s.h), g / s.w % s.h, g % s.w}; };
+  for (int g = 0; g < rows.pixels(); ++g) {
+    const auto [t, y, px] = place(g);
+    for (int c = 0; c < 3; ++c) x[std::size_t(3 * g + c)] = s.window.truth.row(t, y, c)[px];
+  }
+  for (int set = 0; set < kRowSets; ++set) {
+    for (int g = 0; g < rows.pixels(); ++g) {
+      if (!rows.exists(RowSet(set), g)) continue;
+      const auto [t, y, px] = place(g);
+      for (int c = 0; c < 3; ++c) {
+        const std::size_t i = 3 * (std::size_t(set) * n + std::size_t(g)) + std::size_t(c);
+        residual[i] =
+            system.squared_weight(RowSet(set), t, px, y) * (flat.data[i] - rows.value(RowSet(set), g, x.data(), c));
+      }
+    }
+  }
+  PlanarFrames out(s.w, s.h, s.frames);
+  std::vector<double> diagonal(n);
+  for (int g = 0; g < rows.pixels(); ++g) {
+    const auto [t, y, px] = place(g);
+    rows.for_each_row_of(g, [&](RowSet set, int row, float coefficient) {
+      const auto [row_t, row_y, row_x] = place(row);
+      diagonal[std::size_t(g)] += double(system.squared_weight(set, row_t, row_x, row_y));
+      for (int c = 0; c < 3; ++c)
+        out.row(t, y, c)[px] += coefficient * residual[3 * (std::size_t(set) * n + std::size_t(row)) + std::size_t(c)];
+    });
+    EXPECT_NEAR(diagonal[std::size_t(g)] * double(system.inverse_diagonal(t, y)[px]), 1, 1e-5);
+  }
+  EXPECT_LT(relative_error(s, out, reference_descent(s, system, s.window.truth, 1, 1)), 1e-6);
+}
+
+TEST(PoissonCuda, SolvesAsTheProcessorDoes) {
+  const RandomSystem s(61, 45, 6);
+  PoissonSettings settings;
+  settings.device = PoissonDevice::kCuda;
+  for (const PoissonNorm norm : {PoissonNorm::kL1, PoissonNorm::kL2}) {
+    settings.norm = norm;
+    settings.l2_steps = 60;
+    PlanarFrames x(s.w, s.h, s.frames), on_device(s.w, s.h, s.frames);
+    if (!has_cuda()) {
+      EXPECT_THROW(solve_poisson(s.window.span(), settings, on_device), Error);
+      continue;
+    }
+    solve_poisson(s.window.span(), settings, on_device);
+    settings.device = PoissonDevice::kCpu;
+    solve_poisson(s.window.span(), settings, x);
+    settings.device = PoissonDevice::kCuda;
+    std::vector<double> reference(std::size_t(s.w * s.h * s.frames * 3));
+    for (int t = 0; t < s.frames; ++t) {
+      for (int y = 0; y < s.h; ++y) {
+        for (int c = 0; c < 3; ++c) {
+          for (int px = 0; px < s.w; ++px) reference[s.address(t, y, px, c)] = double(x.row(t, y, c)[px]);
+        }
+      }
+    }
+    // Weights of the processor's L1 have eight bits.
+    EXPECT_LT(relative_error(s, on_device, reference), norm == PoissonNorm::kL1 ? 3e-3 : 1e-4);
+  }
+  if (!has_cuda()) GTEST_SKIP() << "no CUDA build, or no device";
 }
 
 }  // namespace

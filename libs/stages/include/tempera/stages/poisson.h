@@ -157,7 +157,15 @@ enum class PoissonNorm {
   kL2,  ///< sum of squares: unbiased
 };
 
+enum class PoissonDevice {
+  kCpu,
+  kCuda,  ///< the same but for rounding, on the first CUDA device
+};
+/// Whether this is a build with CUDA (-DTEMPERA_CUDA=ON), and the machine has a device.
+bool has_cuda();
+
 struct PoissonSettings {
+  PoissonDevice device = PoissonDevice::kCpu;
   PoissonNorm norm = PoissonNorm::kL1;
   PoissonWeights weights;
   int l2_steps = 20;  ///< conjugate gradient steps of kL2
@@ -190,7 +198,7 @@ using PoissonProgress = std::function<void(double share)>;
 /// Shapes:  x: the window's size and frames; in: the start (the primal data serve), out: the solution.
 /// Units:   radiance.
 /// Result:  the same bits for any number of threads. Exact data keep an exact start unchanged.
-/// Errors:  Error{kCancelled} after `stop`.
+/// Errors:  Error{kCancelled} after `stop`; with kCuda Error{kUnsupported} without has_cuda(), Error{kOutOfMemory}.
 /// Source:  [Manzi 2016, Sec. 3.3]; [Chen 2020] for conjugate gradients with one pass over memory for all vectors.
 PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const PoissonSettings& settings,
                             PlanarFrames& x, std::stop_token stop = {}, const PoissonProgress& progress = {});
