@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Methods at equal time: error, temporal error and flicker of integrators on the scenes of the gallery.
 
-Each method renders the same frames with several seeds; everything is compared with one converged reference that is kept
-(build/quality). The table shows each metric's mean over seeds and its ratio to the first method, with the 95 % confidence
+Each method renders the same frames with several seeds; everything is compared with two references of independent seeds,
+which are kept (build/quality). Their own noise is taken out of squared errors: M = (|x - a|^2 + |x - b|^2 - |a - b|^2) / 2.
+The table shows each metric's mean over seeds and its ratio to the first method, with the 95 % confidence
 interval of paired logarithms over the seeds (Student's t). Results go to <build>/bench/quality-<commit>.json.
 
 A method is an integrator and settings, separated by colons: spp=N, sampler=NAME, parameters of the integrator, keys of
@@ -19,8 +20,6 @@ frames, within 5 %.
 Four times the samples make a quarter of the squared error with sampler=independent, which is what cornell-motion is
 rendered with. The error of the default sampler of other scenes (scrambled Sobol points) falls faster, so the second
 example shows more than a factor of 4.
-
-The reference has an error, too, which counts in each method's: it is printed, as estimated from its halves.
 """
 import argparse
 import json
@@ -38,6 +37,8 @@ RECONSTRUCTED = {"gradient_path", "temporal_gradient_path"}
 STAGE_KEYS = {"norm", "alpha", "window", "overlap", "temporal-rows", "strict-mixed", "weights", "schedule", "rounds",
               "iterations"}
 METRICS = ["relmse", "mse", "temporal", "flicker"]
+# Means of squares of what differs: the noise of independent references adds to them.
+SQUARED = {"relmse", "relmse_gray", "mse", "temporal", "temporal_compensated", "flicker", "flicker_tracked"}
 # Two-sided 95 % quantiles of Student's t for 1, 2, ... degrees of freedom, and beyond 30.
 T95 = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131, 2.120,
        2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042]
@@ -101,17 +102,20 @@ class Bench:
             shot = pathlib.Path(made.stdout.split("\n")[0])
             variant = scene.partition(":")[2]
             self.shot = shot.with_name(f"{shot.stem}_{variant}.toml") if variant else shot
-        self.reference_error = None  # relMSE
-        self.reference = self.make_reference()
+        self.references = [self.make_reference(name, seed) for name, seed in (("a", 1000003), ("b", 2000003))]
+        metrics = list(args.metrics)
+        if args.equal_error:
+            metrics.append(args.equal_error.partition("=")[0])
+        self.noise = self.figures_of(self.references[0], self.references[1], metrics)
 
-    def make_reference(self):
-        """Converged frames with motion vectors. Finished ones are kept, so that this can be interrupted."""
+    def make_reference(self, name, seed):
+        """Frames with motion vectors. Finished ones are kept, so that this can be interrupted."""
         args = self.args
-        key = f"{args.reference_spp}_{args.resolution or 'own'}"
-        pattern = self.work / f"reference_{key}" / "f.####.exr"
-        print(f"reference: {args.reference_spp} samples, {pattern}", flush=True)
-        execute([self.tempera, "-q", "render", self.shot, *self.common, "--spp", args.reference_spp, "--seed", 1000003,
-                 "--sampler", "sobol", "--integrator", "path", "--layers", "motion,halves", "-o", pattern, "--resume"])
+        spp = max(1, args.reference_spp // 2)
+        pattern = self.work / f"reference_{spp}_{args.resolution or 'own'}_{name}" / "f.####.exr"
+        print(f"reference {name}: {spp} samples, {pattern}", flush=True)
+        execute([self.tempera, "-q", "render", self.shot, *self.common, "--spp", spp, "--seed", seed, "--sampler", "sobol",
+                 "--integrator", "path", "--layers", "motion", "-o", pattern, "--resume"])
         return pattern
 
     def run(self, method, spp, seed, folder):
@@ -128,14 +132,17 @@ class Bench:
             shutil.rmtree(raw)
         return seconds
 
+    def figures_of(self, frames, reference, metrics):
+        """{metric: mean over the frames} of a pattern."""
+        out = self.work / "figures.json"
+        execute([self.tempera, "-q", "compare", f"m={frames}", "--reference", reference, "--metrics", ",".join(metrics),
+                 "--json", out])
+        return json.loads(out.read_text())["sides"][0]["mean"]
+
     def measure(self, folder, metrics):
-        """{metric: mean over the frames} of the frames in `folder`. Also notes the reference's own error."""
-        out = folder / "figures.json"
-        execute([self.tempera, "-q", "compare", f"m={folder}/final/f.####.exr", "--reference", self.reference, "--metrics",
-                 ",".join(metrics), "--json", out])
-        figures = json.loads(out.read_text())
-        self.reference_error = (figures.get("reference_error") or {}).get("relmse")
-        return figures["sides"][0]["mean"]
+        """{metric: mean over the frames} of the frames in `folder`, without the noise of the references."""
+        a, b = (self.figures_of(folder / "final/f.####.exr", r, metrics) for r in self.references)
+        return {m: without_noise(m, a.get(m), b.get(m), self.noise.get(m)) for m in metrics}
 
     def calibrate(self, method, target):
         """Samples that take `target` seconds within 5 %, or as near as whole samples get."""
@@ -183,6 +190,14 @@ class Bench:
                 break
         best = min(tried, key=lambda n: abs(math.log(tried[n][0] / target)))
         return best, *tried[best]
+
+
+def without_noise(metric, a, b, between):
+    """A metric of frames against two references and of one against the other: what it would be against the truth, if it
+    is the mean of a square; else the mean. None if one is missing."""
+    if a is None or b is None or (metric in SQUARED and between is None):
+        return None
+    return (a + b - (between if metric in SQUARED else 0)) / 2
 
 
 def ratio_interval(values, base):
@@ -252,11 +267,11 @@ def equal_time(bench, methods, args):
             ratio = ratio_interval(values, [f.get(metric) for f in first["figures"]])
             r["ratios"][metric] = ratio
             print(f"    {metric:20} {statistics.fmean(present):10.4g}   {interval_text(*ratio)} of the first")
-    own = bench.reference_error
-    least = min((f["relmse"] for r in results for f in r["figures"] if f.get("relmse")), default=None)
-    if own is not None and least:
-        print(f"the reference's own relMSE is {own:.2g}: {100 * own / least:.1f} % of the smallest above"
-              + ("; render it with more samples (--reference-spp)" if own > 0.05 * least else ""))
+    for metric in SQUARED.intersection(args.metrics):
+        least = min((f[metric] for r in results for f in r["figures"] if f.get(metric) is not None), default=None)
+        if least is not None and bench.noise.get(metric, 0) > 4 * least:
+            print(f"{metric}: the references' noise, which was taken out, is {bench.noise[metric] / 2:.2g}; "
+                  "more samples (--reference-spp) would make the figures surer")
     return results
 
 
@@ -266,8 +281,8 @@ def markdown(scene, results, args):
         present = [f[metric] for f in r["figures"] if f.get(metric) is not None]
         if not present:
             return "–"
-        text = f"{statistics.fmean(present):.3g}"
-        return text if r is results[0] else f"{text} ({r['ratios'][metric][0]:.2f})"
+        ratio = r["ratios"][metric][0]
+        return f"{statistics.fmean(present):.3g}" + (f" ({ratio:.2f})" if r is not results[0] and ratio else "")
     lines = [f"| {scene} | " + " | ".join(f"`{r['method']}`" for r in results) + " |", "| --- " * (len(results) + 1) + "|",
              "| samples, seconds | " + " | ".join(f"{r['spp']}, {statistics.fmean(r['seconds']):.1f}" for r in results) + " |"]
     lines += [f"| {m} | " + " | ".join(cell(r, m) for r in results) + " |" for m in args.metrics]
@@ -295,7 +310,7 @@ def main():
     parser.add_argument("--resolution", help="WxH [the scene's]")
     parser.add_argument("--time", type=float, default=30, help="seconds for all frames, of methods without spp [30]")
     parser.add_argument("--equal-error", metavar="METRIC=VALUE", help="find the time that each method needs for this error")
-    parser.add_argument("--reference-spp", type=int, default=512, help="[512]")
+    parser.add_argument("--reference-spp", type=int, default=512, help="of both references together [512]")
     parser.add_argument("--metrics", default=",".join(METRICS), type=lambda s: s.split(","), help="as of tempera compare")
     parser.add_argument("--threads", help="[all]")
     parser.add_argument("--clock", default="wall", choices=["wall", "cpu"],
@@ -329,7 +344,7 @@ def main():
         stored = json.loads(path.read_text()) if path.exists() else []
         stored.append({"scene": scene, "frames": args.frames, "resolution": args.resolution, "threads": args.threads,
                        "clock": args.clock, "reference_spp": args.reference_spp,
-                       "reference_relmse": bench.reference_error, "equal_error": args.equal_error, "results": results})
+                       "noise": bench.noise, "equal_error": args.equal_error, "results": results})
         path.write_text(json.dumps(stored, indent=1))
         print(f"written: {path}")
 
