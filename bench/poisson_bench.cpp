@@ -139,7 +139,8 @@ std::string theory_and_solver(const test::TheoryColumn& column) {
   for (int t = 0; t < kKept; ++t) {
     const double taper = 0.5 - 0.5 * std::cos(2 * kPiD * (t + 0.5) / kKept);  // Hann
     taper_power += taper * taper;
-    for (int k = 0; k < kFrequencies; ++k) wave[std::size_t(k * kKept + t)] = std::polar(taper, -0.1 * kPiD * k * t);
+    for (int k = 0; k < kFrequencies; ++k)
+      wave[std::size_t(k) * kKept + std::size_t(t)] = std::polar(taper, -0.1 * kPiD * k * t);
   }
   Curve solver;
   const double scale = 1e3 / (3.0 * kSize * kSize);

@@ -98,6 +98,7 @@ TEST_P(Reconstruction, HasTheMeanOfPathTracing) {
   const LoadedShot truth = load({fmt::format("sampling.spp={}", 4 * runs * spp), "sampling.seed=977",
                                  "output.layers=color,color.var", "integrator.rr_depth=100"});
   std::vector<Frame> pictures;
+  pictures.reserve(kFrames);
   for (int f = 0; f < kFrames; ++f) pictures.push_back(render_frame(truth.shot, truth.scene, kFirst + f));
   const auto picture = [&](int f) -> const Frame& { return pictures[std::size_t(f - kFirst)]; };
   // In units of the noise of each pixel: else a few pixels in which caustics flash would be most of every coefficient.

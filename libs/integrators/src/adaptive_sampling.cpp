@@ -112,7 +112,11 @@ std::vector<int> next_batch(const AdaptiveOptions& options, const std::vector<Pi
   const auto smooth = [&](const std::vector<float>& in, int dx, int dy) {
     return filtered(width, height, [&](int x, int y) {
       float sum = 0;
-      for (int k = -2; k <= 2; ++k) sum += kKernel[std::size_t(k + 2)] * in[index(x + k * dx, y + k * dy)];
+      int k = -2;
+      for (const float weight : kKernel) {
+        sum += weight * in[index(x + k * dx, y + k * dy)];
+        ++k;
+      }
       return sum;
     });
   };

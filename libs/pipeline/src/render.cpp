@@ -381,7 +381,7 @@ class PeriodicCheckpoint {
 }  // namespace
 
 RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderOptions& options,
-                             std::span<RenderObserver* const> observers, std::stop_token stop) {
+                             std::span<RenderObserver* const> observers, const std::stop_token& stop) {
   const double begin = now();
   Sequence q(shot, scene);
   RenderReport report;

@@ -70,6 +70,7 @@ inline double least_replayed_error(const NoiseModel& m, double s, double frequen
 template <class F>
 double spatial_mean(int n, bool cosine, F&& f) {
   std::vector<double> power;
+  power.reserve(std::size_t(n));
   for (int k = 0; k < n; ++k) power.push_back(difference_power(cosine ? 0.5 * k / n : (k + 0.5) / n));
   double sum = 0;
   for (const double x : power) {

@@ -76,7 +76,7 @@ struct RenderOptions {
 ///          Error{kFailed} if files cannot be written: where that can be known, before a ray is traced.
 /// Threads: uses parallel_for, and one thread more that writes.
 RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderOptions& options,
-                             std::span<RenderObserver* const> observers, std::stop_token stop = {});
+                             std::span<RenderObserver* const> observers, const std::stop_token& stop = {});
 
 /// One frame in memory, without its metadata but the cryptomatte manifest. Result: the pixels of render_sequence.
 Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals* totals = nullptr);
