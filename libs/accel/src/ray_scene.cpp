@@ -323,7 +323,20 @@ RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const
 RayScene::~RayScene() = default;
 RayScene::RayScene(RayScene&&) noexcept = default;
 
+namespace {
+
+/// What Embree traces. Others would end the program where it was built with assertions, as Debian's is.
+bool is_traceable(const Ray& r) {
+  constexpr float kLargest = 1e18f;
+  const float sum =
+      std::abs(r.o.x) + std::abs(r.o.y) + std::abs(r.o.z) + std::abs(r.d.x) + std::abs(r.d.y) + std::abs(r.d.z);
+  return sum <= kLargest && !std::isnan(r.tmin) && !std::isnan(r.tmax);  // false for what is no number
+}
+
+}  // namespace
+
 std::optional<Hit> RayScene::intersect(const Ray& ray) const {
+  if (!is_traceable(ray)) return std::nullopt;
   const Impl& s = *impl_;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
@@ -363,6 +376,7 @@ std::optional<Hit> RayScene::intersect(const Ray& ray) const {
 }
 
 bool RayScene::occluded(const Ray& ray) const {
+  if (!is_traceable(ray)) return false;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   RTCRay r{ray.o.x,  ray.o.y, ray.o.z, ray.tmin, ray.d.x, ray.d.y, ray.d.z, impl_->embree_time(ray.time),

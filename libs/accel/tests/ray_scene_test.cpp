@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 
 #include "tempera/core/random.h"
 #include "tempera/scene/scene.h"
@@ -281,6 +282,24 @@ TEST(RayScene, HiddenNodesAreNotHit) {
     GeometryCache cache;
     const RayScene rays(b.scene, {t, t}, {t, t}, {}, cache);
     EXPECT_EQ(rays.occluded({{0, 0, 5}, {0, 0, -1}, 0, kInfinity, t}), t < 1);
+  }
+}
+
+// Debian's Embree ends the program when it is given such rays.
+TEST(RayScene, RaysThatAreNoneHitNothing) {
+  SceneBuilder b;
+  b.scene.nodes.push_back({});
+  b.add(bumpy_sphere(), 0);
+  GeometryCache cache;
+  const RayScene rays(b.scene, {0, 0}, {0, 0}, {}, cache);
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  ASSERT_TRUE(rays.occluded({{0, 0, 5}, {0, 0, -1}, 0, kInfinity, 0}));
+  for (const Ray& r :
+       {Ray{{nan, 0, 5}, {0, 0, -1}, 0, kInfinity, 0}, Ray{{0, 0, 5}, {0, nan, -1}, 0, kInfinity, 0},
+        Ray{{0, 0, 5}, {0, 0, -kInfinity}, 0, kInfinity, 0}, Ray{{0, 1e30f, 5}, {0, 0, -1}, 0, kInfinity, 0},
+        Ray{{0, 0, 5}, {0, 0, -1}, nan, kInfinity, 0}, Ray{{0, 0, 5}, {0, 0, -1}, 0, nan, 0}}) {
+    EXPECT_FALSE(rays.intersect(r));
+    EXPECT_FALSE(rays.occluded(r));
   }
 }
 

@@ -85,6 +85,8 @@ class RayScene {
   RayScene(const RayScene&) = delete;
   RayScene& operator=(const RayScene&) = delete;
 
+  /// Rays that are not finite, or reach beyond 1e18, hit nothing: what is computed from them is not finite either, and
+  /// is counted where it is added up.
   std::optional<Hit> intersect(const Ray& ray) const;
   /// Whether anything lies within (tmin, tmax). Surfaces with opacity below 1 count as opaque here.
   bool occluded(const Ray& ray) const;
