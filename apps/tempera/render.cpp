@@ -3,6 +3,7 @@
 
 #include <charconv>
 #include <cstdio>
+#include <limits>
 
 #include "program.h"
 #include "tempera/core/log.h"
@@ -21,7 +22,10 @@ BadSample parse_replay(const std::string& text, const RenderSettings& settings) 
   std::vector<std::int64_t> numbers;
   for (const char *at = text.data(), *end = at + text.size();; ++at) {
     const auto [next, ec] = std::from_chars(at, end, numbers.emplace_back());
-    if (ec != std::errc() || (next != end && *next != ',')) numbers.clear();
+    const bool is_stream = numbers.size() == 5;
+    using Int = std::numeric_limits<int>;
+    const bool fits = is_stream || (numbers.back() >= Int::min() && numbers.back() <= Int::max());
+    if (ec != std::errc() || !fits || (next != end && *next != ',')) numbers.clear();
     if (numbers.empty() || next == end) break;
     at = next;
   }

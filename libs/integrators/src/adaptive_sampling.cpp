@@ -16,7 +16,7 @@ namespace {
 
 constexpr int kLeastBatch = 4;  // samples: fewer say too little about their variance
 constexpr int kReserved = 2;    // samples that every pixel gets in every batch
-constexpr int kMedianRadius = 2;
+constexpr int kRadius = 2;      // of the neighbourhoods that errors are judged by: 5 x 5 pixels
 
 /// f(pixel of the image nearest to (x, y)) over the neighbourhood of a pixel, gathered for all pixels.
 template <class F>
@@ -86,8 +86,8 @@ std::vector<int> next_batch(const AdaptiveOptions& options, const std::vector<Pi
   };
   const std::vector<float> relative = filtered(width, height, [&](int x, int y) {
     float around = 0;  // 5 x 5 mean of the radiance
-    for (int v = -2; v <= 2; ++v) {
-      for (int u = -2; u <= 2; ++u) around += noise[index(x + u, y + v)].radiance;
+    for (int v = -kRadius; v <= kRadius; ++v) {
+      for (int u = -kRadius; u <= kRadius; ++u) around += noise[index(x + u, y + v)].radiance;
     }
     around = std::max(around / 25, 0.0f);
     const PixelNoise& p = noise[index(x, y)];
@@ -98,8 +98,8 @@ std::vector<int> next_batch(const AdaptiveOptions& options, const std::vector<Pi
   });
   const std::vector<float> error = filtered(width, height, [&](int x, int y) {
     std::array<float, 25> values;
-    for (int v = -kMedianRadius, k = 0; v <= kMedianRadius; ++v) {
-      for (int u = -kMedianRadius; u <= kMedianRadius; ++u) values[std::size_t(k++)] = relative[index(x + u, y + v)];
+    for (int v = -kRadius, k = 0; v <= kRadius; ++v) {
+      for (int u = -kRadius; u <= kRadius; ++u) values[std::size_t(k++)] = relative[index(x + u, y + v)];
     }
     std::nth_element(values.begin(), values.begin() + 12, values.end());
     return values[12];

@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "tempera/core/params.h"
-#include "tempera/frames/frame.h"
 
 namespace tempera {
 

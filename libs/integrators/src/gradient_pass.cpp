@@ -182,17 +182,21 @@ bool GradientBatches::render(const FrameContext& context, const GradientOptions&
 void GradientBatches::next(const FrameContext& context, const GradientOptions& options, const Frame& out) {
   const int w = out.width(), h = out.height();
   const auto sum = [](const Rgb& c) { return c.r + c.g + c.b; };
-  const auto variance = [&](Side side, int x, int y) { return sum(out.layer(variance_of(kSides[side])).rgb(x, y)); };
+  std::array<const Image*, 4> variances{};
+  for (std::size_t j = 0; j < 4; ++j) variances[j] = &out.layer(variance_of(kSides[j]));
+  const Image& color = out.layer("color");
+  const auto variance = [&](Side side, int x, int y) { return sum(variances[side]->rgb(x, y)); };
   std::vector<PixelNoise> noise(taken_.size());
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
-      PixelNoise& p = noise[std::size_t(y) * std::size_t(w) + std::size_t(x)];
+      const std::size_t i = std::size_t(y) * std::size_t(w) + std::size_t(x);
+      PixelNoise& p = noise[i];
       // The last column and row have their differences on the other side.
       const int from_x = std::min(x, w - 2), from_y = std::min(y, h - 2);
       if (w > 1) p.variance += variance(kRight, from_x, y) + variance(kLeft, from_x + 1, y);
       if (h > 1) p.variance += variance(kDown, x, from_y) + variance(kUp, x, from_y + 1);
-      p.radiance = sum(out.layer("color").rgb(x, y));
-      p.samples = plan_.keep_first ? taken_[std::size_t(y) * std::size_t(w) + std::size_t(x)] : 0;
+      p.radiance = sum(color.rgb(x, y));
+      p.samples = plan_.keep_first ? taken_[i] : 0;
     }
   }
   ++batch_;

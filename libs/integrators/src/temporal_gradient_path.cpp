@@ -5,7 +5,8 @@
 // pass with those of the frame before, each pixel with the numbers of the pixel that showed the same matter then. The
 // difference of the offset pass of frame t + 1 and the base pass of frame t is the temporal difference (Sec. 3.2): the
 // temporal shift copies all primary sample coordinates and adds a frame to the time, so its Jacobian is one.
-#include <fmt/format.h>
+#include <algorithm>
+#include <array>
 
 #include "gradient_pass.h"
 #include "pixel_motion.h"

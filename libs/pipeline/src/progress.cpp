@@ -2,16 +2,13 @@
 #include "tempera/pipeline/progress.h"
 
 #include <fmt/format.h>
-#include <sys/ioctl.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
 #include <chrono>
-#include <cstdio>
 #include <mutex>
-#include <nlohmann/json.hpp>
 
+#include "progress_output.h"
 #include "tempera/core/log.h"
 
 namespace tempera {
@@ -19,21 +16,6 @@ namespace tempera {
 namespace {
 
 double now() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
-
-void print(std::FILE* out, const std::string& text) {
-  std::fwrite(text.data(), 1, text.size(), out);
-  std::fflush(out);
-}
-
-void event(const nlohmann::ordered_json& j) {
-  print(stdout, j.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
-}
-
-std::string clock_text(double seconds) {
-  const long s = long(std::clamp(seconds, 0.0, 1e9) + 0.5);
-  return s >= 3600 ? fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60)
-                   : fmt::format("{}:{:02}", s / 60, s % 60);
-}
 
 std::string rate_text(double per_second) {
   if (per_second >= 1e6) return fmt::format("{:.2f} Msamples/s", per_second / 1e6);
@@ -123,49 +105,21 @@ class Plain : public Counting {
 
 class Bar : public Counting {
  public:
-  Bar() : Counting(0.1) {
-    set_log_writer([this](std::string_view line) {
-      const std::scoped_lock lock(draw_);
-      print(stderr, "\r\033[K" + std::string(line) + bar_);
-    });
-  }
-  ~Bar() override {
-    set_log_writer({});
-    draw("");
-  }
+  Bar() : Counting(0.1) {}
 
  protected:
   void frame_started() override { update(); }
   void update() override {
-    winsize size{};
-    const int columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0 ? size.ws_col : 80;
     const double left = seconds_left();
-    const std::string text =
-        fmt::format(" {:5.1f} %  frame {} ({}/{})  {} elapsed  {} left  {}", 100 * fraction(), frame_, index_, frames_,
-                    clock_text(elapsed()), left < 0 ? "?" : clock_text(left), rate_text(samples_per_second()));
-    const int width = std::clamp(columns - int(text.size()) - 3, 0, 40);
-    std::string bar;
-    if (width >= 8) {
-      const int full = int(fraction() * width);
-      bar = fmt::format("[{:=<{}}{:{}}]", "", full, "", width - full);
-    }
-    draw((bar + text).substr(0, std::size_t(std::max(columns - 1, 10))));
+    bar_.show(fraction(), fmt::format("{:5.1f} %  frame {} ({}/{})  {} elapsed  {} left  {}", 100 * fraction(), frame_,
+                                      index_, frames_, clock_text(elapsed()), left < 0 ? "?" : clock_text(left),
+                                      rate_text(samples_per_second())));
   }
-  void frame_done(const FrameReport& r) override {
-    const std::scoped_lock lock(draw_);
-    print(stderr, "\r\033[K" + done_line(r) + bar_);
-  }
-  void finished(const RenderReport&) override { draw(""); }
+  void frame_done(const FrameReport& r) override { bar_.print_above(done_line(r)); }
+  void finished(const RenderReport&) override { bar_.clear(); }
 
  private:
-  void draw(std::string bar) {
-    const std::scoped_lock lock(draw_);
-    if (bar.empty() && bar_.empty()) return;
-    bar_ = std::move(bar);
-    print(stderr, "\r\033[K" + bar_);
-  }
-  std::mutex draw_;
-  std::string bar_;
+  ProgressBar bar_;
 };
 
 class Json : public Counting {
@@ -179,31 +133,33 @@ class Json : public Counting {
   void started(const RenderPlan& p) override {
     nlohmann::ordered_json layers = nlohmann::ordered_json::array();
     for (const LayerDesc& d : p.layers) layers.push_back(d.name);
-    event({{"event", "start"},
-           {"frames", p.frames},
-           {"skipped", p.skipped},
-           {"width", p.width},
-           {"height", p.height},
-           {"spp", p.settings->spp},
-           {"layers", layers}});
+    print_event({{"event", "start"},
+                 {"frames", p.frames},
+                 {"skipped", p.skipped},
+                 {"width", p.width},
+                 {"height", p.height},
+                 {"spp", p.settings->spp},
+                 {"layers", layers}});
   }
-  void frame_started() override { event({{"event", "frame"}, {"frame", frame_}, {"index", index_}, {"of", frames_}}); }
+  void frame_started() override {
+    print_event({{"event", "frame"}, {"frame", frame_}, {"index", index_}, {"of", frames_}});
+  }
   void update() override {
-    event({{"event", "progress"},
-           {"frame", frame_},
-           {"percent", 100 * step_.share(fraction())},
-           {"seconds_left", seconds_left()}});
+    print_event({{"event", "progress"},
+                 {"frame", frame_},
+                 {"percent", 100 * step_.share(fraction())},
+                 {"seconds_left", seconds_left()}});
   }
   void frame_done(const FrameReport& r) override {
     nlohmann::ordered_json j{{"event", "done"}, {"frame", r.frame}, {"seconds", r.seconds}, {"path", r.path}};
     j.update(totals(r.totals));
-    event(std::move(j));
+    print_event(std::move(j));
   }
   void finished(const RenderReport& r) override {
     nlohmann::ordered_json j{
         {"event", "end"}, {"frames", r.frames.size()}, {"skipped", r.skipped.size()}, {"seconds", r.seconds}};
     j.update(totals(r.totals));
-    event(std::move(j));
+    print_event(std::move(j));
   }
 
  private:
@@ -215,9 +171,9 @@ class OpenJd : public Counting {
   explicit OpenJd(JobStep step) : Counting(1), step_(std::move(step)) {}
 
  protected:
-  void progress() const { progress_line(fraction()); }
+  void progress() const { print_openjd_progress(step_, fraction()); }
   void started(const RenderPlan& p) override {
-    progress_line(0);
+    print_openjd_progress(step_, 0);
     print(stdout, fmt::format("openjd_status: {} frames to render, {} finished before\n", p.frames.size(), p.skipped));
   }
   void frame_started() override {
@@ -233,9 +189,6 @@ class OpenJd : public Counting {
   }
 
  private:
-  void progress_line(double part) const {
-    print(stdout, fmt::format("openjd_progress: {:.2f}\n", 100 * step_.share(part)));
-  }
   JobStep step_;
 };
 
@@ -259,7 +212,7 @@ ProgressKind parse_progress(std::string_view text) {
 
 void announce_step(ProgressKind kind, const JobStep& step) {
   if (kind == ProgressKind::kJson) {
-    event({{"event", "step"}, {"step", step.name}, {"number", step.number}, {"of", step.of}});
+    print_event({{"event", "step"}, {"step", step.name}, {"number", step.number}, {"of", step.of}});
   } else if (kind == ProgressKind::kOpenJd) {
     print(stdout, fmt::format("openjd_status: step {} of {}: {}\n", step.number, step.of, step.name));
   } else {
@@ -271,7 +224,7 @@ void announce_results(ProgressKind kind, std::span<const JobResult> results) {
   if (kind == ProgressKind::kJson) {
     nlohmann::ordered_json list = nlohmann::ordered_json::array();
     for (const JobResult& r : results) list.push_back({{"step", r.step}, {"seconds", r.seconds}, {"path", r.path}});
-    event({{"event", "result"}, {"steps", list}});
+    print_event({{"event", "result"}, {"steps", list}});
     return;
   }
   if (kind == ProgressKind::kOpenJd) print(stdout, "openjd_progress: 100.00\n");
@@ -279,11 +232,7 @@ void announce_results(ProgressKind kind, std::span<const JobResult> results) {
 }
 
 std::unique_ptr<RenderObserver> make_progress(ProgressKind kind, const JobStep& step) {
-  // A bar written into a file would be one endless line.
-  const bool terminal = isatty(STDERR_FILENO);
-  if (kind == ProgressKind::kAuto || kind == ProgressKind::kTty)
-    kind = terminal ? ProgressKind::kTty : ProgressKind::kPlain;
-  switch (kind) {
+  switch (settle_progress(kind)) {
     case ProgressKind::kTty:
       return std::make_unique<Bar>();
     case ProgressKind::kJson:

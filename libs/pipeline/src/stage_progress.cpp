@@ -2,23 +2,15 @@
 #include "tempera/pipeline/stage_progress.h"
 
 #include <fmt/format.h>
-#include <unistd.h>
 
 #include <chrono>
-#include <cstdio>
-#include <mutex>
-#include <nlohmann/json.hpp>
 
+#include "progress_output.h"
 #include "tempera/core/log.h"
 
 namespace tempera {
 
 namespace {
-
-void print(std::FILE* out, const std::string& text) {
-  std::fwrite(text.data(), 1, text.size(), out);
-  std::fflush(out);
-}
 
 /// Keeps count, and lets `update` come no more often than every `interval` seconds.
 class Counting : public StageObserver {
@@ -73,37 +65,19 @@ class Plain : public Counting {
 
 class Bar : public Counting {
  public:
-  Bar() : Counting(0.1) {
-    set_log_writer([this](std::string_view line) {
-      const std::scoped_lock lock(mutex_);
-      print(stderr, "\r\033[K" + std::string(line) + bar_);
-    });
-  }
-  ~Bar() override {
-    set_log_writer({});
-    draw("");
-  }
+  Bar() : Counting(0.1) {}
 
  protected:
   void update() override {
-    constexpr int kWidth = 32;
-    const int full = int(share_ * kWidth);
     const double left = seconds_left();
-    draw(fmt::format("[{:=<{}}{:{}}] {:5.1f} %  {} of {} frames  {}", "", full, "", kWidth - full, 100 * share_, done_,
-                     frames_, left < 0 ? "" : fmt::format("{}:{:02} left", long(left) / 60, long(left) % 60)));
+    bar_.show(share_, fmt::format("{:5.1f} %  {} of {} frames  {} left", 100 * share_, done_, frames_,
+                                  left < 0 ? "?" : clock_text(left)));
   }
   void finished_frame(int, const std::string&) override { update(); }
-  void end(double) override { draw(""); }
+  void end(double) override { bar_.clear(); }
 
  private:
-  void draw(std::string bar) {
-    const std::scoped_lock lock(mutex_);
-    if (bar.empty() && bar_.empty()) return;
-    bar_ = std::move(bar);
-    print(stderr, "\r\033[K" + bar_);
-  }
-  std::mutex mutex_;
-  std::string bar_;
+  ProgressBar bar_;
 };
 
 class Json : public Counting {
@@ -111,20 +85,17 @@ class Json : public Counting {
   explicit Json(JobStep step) : Counting(1), step_(std::move(step)) {}
 
  protected:
-  static void event(const nlohmann::ordered_json& j) {
-    print(stdout, j.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
-  }
   void started(const std::vector<int>& frames) override {
-    event({{"event", "start"}, {"frames", frames}, {"skipped", skipped_}});
+    print_event({{"event", "start"}, {"frames", frames}, {"skipped", skipped_}});
   }
   void update() override {
-    event({{"event", "progress"}, {"percent", 100 * step_.share(share_)}, {"seconds_left", seconds_left()}});
+    print_event({{"event", "progress"}, {"percent", 100 * step_.share(share_)}, {"seconds_left", seconds_left()}});
   }
   void finished_frame(int frame, const std::string& path) override {
-    event({{"event", "done"}, {"frame", frame}, {"path", path}});
+    print_event({{"event", "done"}, {"frame", frame}, {"path", path}});
   }
   void end(double seconds) override {
-    event({{"event", "end"}, {"frames", done_}, {"skipped", skipped_}, {"seconds", seconds}});
+    print_event({{"event", "end"}, {"frames", done_}, {"skipped", skipped_}, {"seconds", seconds}});
   }
 
  private:
@@ -137,31 +108,24 @@ class OpenJd : public Counting {
 
  protected:
   void started(const std::vector<int>& frames) override {
-    progress_line(0);
+    print_openjd_progress(step_, 0);
     print(stdout, fmt::format("openjd_status: {} frames to do, {} finished before\n", frames.size(), skipped_));
   }
-  void update() override { progress_line(share_); }
+  void update() override { print_openjd_progress(step_, share_); }
   void finished_frame(int frame, const std::string& path) override { print(stdout, done_line(frame, path)); }
   void end(double seconds) override {
-    progress_line(1);
-    print(stdout, fmt::format("openjd_status: {} frames done in {:.0f} seconds\n", done_, seconds));
+    print_openjd_progress(step_, 1);
+    print(stdout, fmt::format("openjd_status: {} frames done in {}\n", done_, clock_text(seconds)));
   }
 
  private:
-  void progress_line(double part) const {
-    print(stdout, fmt::format("openjd_progress: {:.2f}\n", 100 * step_.share(part)));
-  }
   JobStep step_;
 };
 
 }  // namespace
 
 std::unique_ptr<StageObserver> make_stage_progress(ProgressKind kind, const JobStep& step) {
-  // A bar written into a file would be one endless line.
-  if (kind == ProgressKind::kAuto || kind == ProgressKind::kTty) {
-    kind = isatty(STDERR_FILENO) ? ProgressKind::kTty : ProgressKind::kPlain;
-  }
-  switch (kind) {
+  switch (settle_progress(kind)) {
     case ProgressKind::kTty:
       return std::make_unique<Bar>();
     case ProgressKind::kJson:

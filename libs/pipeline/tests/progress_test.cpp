@@ -76,7 +76,7 @@ TEST(Progress, StepsOfAJobShareItsPercentage) {
             "openjd_status: step 2 of 3: reconstruct\n"
             "openjd_progress: 50.00\nopenjd_status: 0 frames to render, 0 finished before\n"
             "openjd_progress: 50.00\nopenjd_status: 1 frames to do, 0 finished before\n"
-            "openjd_progress: 90.00\nopenjd_status: 0 frames done in 1 seconds\n"
+            "openjd_progress: 90.00\nopenjd_status: 0 frames done in 0:01\n"
             "{\"event\":\"result\",\"steps\":[{\"step\":\"render\",\"seconds\":1.5,\"path\":\"f.####.exr\"}]}\n");
 }
 

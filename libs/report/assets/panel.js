@@ -49,7 +49,7 @@ const CHANNELS = {
 const DIRECTIONS = {
   lower: { arrow: "↓", words: "lower is better", badness: (v) => v },
   higher: { arrow: "↑", words: "higher is better", badness: (v) => -v },
-  zero: { arrow: "→0", words: "closer to 0 is better", badness: Math.abs },
+  "near zero": { arrow: "→0", words: "closer to 0 is better", badness: Math.abs },
 };
 
 class Panel {

@@ -73,27 +73,16 @@ Codes codes_of(const std::vector<float>& octaves, int width, int height, int cha
   return codes;
 }
 
-/// Noise is much alike in all channels: red and blue are stored as their differences to green, modulo 2^16.
-void subtract_green(Codes& codes) {
-  if (codes.channels != 3) return;
-  const std::size_t n = codes.values.size() / 3;
-  std::int16_t* r = codes.plane(0);
-  const std::int16_t* g = codes.plane(1);
-  std::int16_t* b = codes.plane(2);
-  for (std::size_t i = 0; i < n; ++i) {
-    r[i] = std::int16_t(unsigned(r[i]) - unsigned(g[i]));
-    b[i] = std::int16_t(unsigned(b[i]) - unsigned(g[i]));
-  }
-}
+/// Noise is much alike in all channels: red and blue are stored as their differences to green, modulo 2^16. `kSign` -1
+/// makes the differences, 1 undoes it.
+template <int kSign>
 void add_green(Codes& codes) {
   if (codes.channels != 3) return;
   const std::size_t n = codes.values.size() / 3;
-  std::int16_t* r = codes.plane(0);
   const std::int16_t* g = codes.plane(1);
-  std::int16_t* b = codes.plane(2);
-  for (std::size_t i = 0; i < n; ++i) {
-    r[i] = std::int16_t(unsigned(r[i]) + unsigned(g[i]));
-    b[i] = std::int16_t(unsigned(b[i]) + unsigned(g[i]));
+  for (const int channel : {0, 2}) {
+    std::int16_t* values = codes.plane(channel);
+    for (std::size_t i = 0; i < n; ++i) values[i] = std::int16_t(unsigned(values[i]) + unsigned(kSign * g[i]));
   }
 }
 
@@ -205,7 +194,7 @@ EncodedPicture encode_picture(const Image& image, const EncodeOptions& options) 
   std::string residuals;
   const auto fits = [&](int steps) {
     Codes codes = codes_of(octaves, image.width(), image.height(), out.channels, steps);
-    subtract_green(codes);
+    add_green<-1>(codes);
     out.gradient = gradient_is_better(codes);
     out.code.steps = steps;
     residuals = residual_bytes(codes, out.gradient);
@@ -281,7 +270,7 @@ Image decode_picture(const EncodedPicture& picture, int width, int height) {
       plane[i] = std::int16_t(residual + unsigned(prediction));
     });
   }
-  if (picture.vector_step == 0) add_green(codes);
+  if (picture.vector_step == 0) add_green<1>(codes);
   Image out(width, height, picture.channels);
   for (int c = 0; c < picture.channels; ++c) {
     const std::int16_t* plane = codes.plane(c);

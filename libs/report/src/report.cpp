@@ -197,18 +197,6 @@ Provenance provenance_of(const std::string& pattern, const std::vector<int>& fra
   return out;
 }
 
-const char* to_text(MetricBetter better) {
-  switch (better) {
-    case MetricBetter::kLower:
-      return "lower";
-    case MetricBetter::kHigher:
-      return "higher";
-    case MetricBetter::kNearZero:
-      return "zero";
-  }
-  return "lower";
-}
-
 const char* to_text(ToneMap tone_map) {
   switch (tone_map) {
     case ToneMap::kSrgb:

@@ -34,18 +34,6 @@ const char* name_of(MetricScope scope) {
   return "";
 }
 
-const char* name_of(MetricBetter better) {
-  switch (better) {
-    case MetricBetter::kLower:
-      return "lower";
-    case MetricBetter::kHigher:
-      return "higher";
-    case MetricBetter::kNearZero:
-      return "near zero";
-  }
-  return "";
-}
-
 Json json_of(const CompareSide& s) {
   Json mean = Json::object(), error = Json::object(), confidence = Json::object(), values = Json::object(),
        coverage = Json::object();
@@ -134,7 +122,7 @@ std::string to_json(const CompareResult& result) {
                        {"title", m->title},
                        {"unit", m->unit},
                        {"scope", name_of(m->scope)},
-                       {"better", name_of(m->better)},
+                       {"better", to_text(m->better)},
                        {"formula", m->formula},
                        {"source", m->source},
                        {"trim", m->trims ? o.trim : 0}});

@@ -285,6 +285,18 @@ const MetricInfo& get_metric(std::string_view id) {
               fmt::format("unknown metric \"{}\"; known: {}", id, nearest_names(id, std::move(names))));
 }
 
+const char* to_text(MetricBetter better) {
+  switch (better) {
+    case MetricBetter::kLower:
+      return "lower";
+    case MetricBetter::kHigher:
+      return "higher";
+    case MetricBetter::kNearZero:
+      return "near zero";
+  }
+  return "";
+}
+
 bool is_worse(const MetricInfo& metric, double value, double limit) {
   switch (metric.better) {
     case MetricBetter::kLower:

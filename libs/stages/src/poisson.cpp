@@ -27,7 +27,7 @@ struct UniformWeight {
 };
 struct StoredWeight {
   const BFloat16* p;
-  float at(int i) const { return std::bit_cast<float>(std::uint32_t(p[i]) << 16); }
+  float at(int i) const { return to_float(p[i]); }
 };
 struct NoData {
   static constexpr float at(int) { return 0; }

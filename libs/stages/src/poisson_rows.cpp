@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "poisson_rows.h"
 
-#include <bit>
-
 #include "tempera/core/parallel.h"
 
 namespace tempera {
@@ -40,7 +38,7 @@ FlatWindow::FlatWindow(std::span<const PoissonFrame* const> window)
         const std::size_t row = std::size_t(s) * n + std::size_t(g);
         if (!flat.exists(set, g)) continue;
         for (int c = 0; c < 3; ++c) data[3 * row + std::size_t(c)] = f.data(set, y, c)[x];
-        if (!precision.empty()) precision[row] = std::bit_cast<float>(std::uint32_t(f.precision(set, y)[x]) << 16);
+        if (!precision.empty()) precision[row] = to_float(f.precision(set, y)[x]);
       }
     }
   });

@@ -129,8 +129,11 @@ struct Input {
   int frame = 0;
   Pass base, offset;  ///< offset: empty images without an offset pass
   Image source;
-  std::vector<std::uint8_t> sampled;  ///< pixels of the offset pass that have samples
-  int crop_left = 0, crop_top = 0;    ///< of the file in the full picture
+  std::vector<std::uint8_t> sampled;  ///< pixels of the offset pass that have samples; empty without that pass
+  bool is_sampled(int x, int y) const {
+    return !sampled.empty() && sampled[std::size_t(y) * std::size_t(base.color.width()) + std::size_t(x)] != 0;
+  }
+  int crop_left = 0, crop_top = 0;  ///< of the file in the full picture
   bool cropped = false;
   std::string camera;
 };
@@ -263,7 +266,7 @@ class Reader {
         in.sampled[index(x, y)] = counts ? counts->at(x, y) > 0 : in.source.at(x, y, 2) > 0;
       }
     }
-    const auto here = [&](int x, int y) { return in.sampled[index(x, y)] != 0; };
+    const auto here = [&](int x, int y) { return in.is_sampled(x, y); };
     check_finite(in.path, "offset.color", in.offset.color, width_, height_, here);
     check_finite(in.path, "offset.grad.x", in.offset.grad_x, width_ - 1, height_,
                  [&](int x, int y) { return here(x, y) && here(x + 1, y); });
@@ -310,10 +313,6 @@ PixelMap replay_map(const Input& in, int width, int height) {
 /// Primal and spatial data of a frame: means of the two passes where both have samples. [Manzi 2016, Sec. 4.2.1]
 void combine_passes(const Input& in, PoissonFrame& out) {
   const int w = out.width(), h = out.height();
-  const bool two = !in.sampled.empty();
-  const auto sampled = [&](int x, int y) {
-    return two && in.sampled[std::size_t(y) * std::size_t(w) + std::size_t(x)] != 0;
-  };
   parallel_for(
       0, h,
       [&](std::int64_t row) {
@@ -323,10 +322,10 @@ void combine_passes(const Input& in, PoissonFrame& out) {
           for (int c = 0; c < 3; ++c) out.data(set, y, c)[x] = v[c];
         };
         for (int x = 0; x < w; ++x) {
-          const bool here = sampled(x, y);
+          const bool here = in.is_sampled(x, y);
           put(RowSet::kPrimal, x, in.base.color, in.offset.color, here);
-          if (x + 1 < w) put(RowSet::kDx, x, in.base.grad_x, in.offset.grad_x, here && sampled(x + 1, y));
-          if (y + 1 < h) put(RowSet::kDy, x, in.base.grad_y, in.offset.grad_y, here && sampled(x, y + 1));
+          if (x + 1 < w) put(RowSet::kDx, x, in.base.grad_x, in.offset.grad_x, here && in.is_sampled(x + 1, y));
+          if (y + 1 < h) put(RowSet::kDy, x, in.base.grad_y, in.offset.grad_y, here && in.is_sampled(x, y + 1));
         }
       },
       8);
@@ -335,10 +334,6 @@ void combine_passes(const Input& in, PoissonFrame& out) {
 /// Variances of what combine_passes makes; those that are not finite count as none.
 DataVariance combine_variances(const Input& in, int w, int h) {
   DataVariance out{Image(w, h, 1), Image(w, h, 1), Image(w, h, 1)};
-  const bool two = !in.sampled.empty();
-  const auto sampled = [&](int x, int y) {
-    return two && in.sampled[std::size_t(y) * std::size_t(w) + std::size_t(x)] != 0;
-  };
   parallel_for(
       0, h,
       [&](std::int64_t row) {
@@ -349,12 +344,12 @@ DataVariance combine_variances(const Input& in, int w, int h) {
           return std::isfinite(m) && m > 0 ? m : 0.0f;
         };
         for (int x = 0; x < w; ++x) {
-          const bool here = sampled(x, y);
+          const bool here = in.is_sampled(x, y);
           out.primal.at(x, y) = mean(in.base.color_variance, in.offset.color_variance, x, here);
           out.dx.at(x, y) =
-              mean(in.base.grad_x_variance, in.offset.grad_x_variance, x, here && x + 1 < w && sampled(x + 1, y));
+              mean(in.base.grad_x_variance, in.offset.grad_x_variance, x, here && x + 1 < w && in.is_sampled(x + 1, y));
           out.dy.at(x, y) =
-              mean(in.base.grad_y_variance, in.offset.grad_y_variance, x, here && y + 1 < h && sampled(x, y + 1));
+              mean(in.base.grad_y_variance, in.offset.grad_y_variance, x, here && y + 1 < h && in.is_sampled(x, y + 1));
         }
       },
       8);

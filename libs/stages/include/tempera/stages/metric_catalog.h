@@ -17,6 +17,8 @@ enum class MetricScope {
 
 /// Which of two values is better.
 enum class MetricBetter { kLower, kHigher, kNearZero };
+/// "lower", "higher" or "near zero".
+const char* to_text(MetricBetter better);
 
 /// What a metric needs beside the test and its reference. Without it the metric has no value.
 enum class MetricNeeds {

@@ -6,6 +6,7 @@
 // Symbols of [Manzi 2016]: I^g -> RowSet::kPrimal, I^dx I^dy I^dt I^dxdt I^dydt -> the other row sets, alpha ->
 // PoissonWeights::alpha, A -> the rows of a PoissonSystem, phi -> PoissonFrame::motion.
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -49,6 +50,7 @@ class PlanarFrames {
 
 /// The upper half of a float, rounded to nearest: weights need range, and no more than eight bits of mantissa.
 using BFloat16 = std::uint16_t;
+inline float to_float(BFloat16 v) { return std::bit_cast<float>(std::uint32_t(v) << 16); }
 
 /// One frame of a window: the data of its rows, and where its pixels are in the next frame.
 class PoissonFrame {

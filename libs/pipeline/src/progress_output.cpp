@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "progress_output.h"
+
+#include <fmt/format.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <algorithm>
+
+#include "tempera/core/log.h"
+
+namespace tempera {
+
+namespace {
+
+constexpr const char* kEraseLine = "\r\033[K";
+
+}  // namespace
+
+ProgressKind settle_progress(ProgressKind kind) {
+  if (kind != ProgressKind::kAuto && kind != ProgressKind::kTty) return kind;
+  return isatty(STDERR_FILENO) ? ProgressKind::kTty : ProgressKind::kPlain;
+}
+
+void print(std::FILE* out, const std::string& text) {
+  std::fwrite(text.data(), 1, text.size(), out);
+  std::fflush(out);
+}
+
+void print_event(const nlohmann::ordered_json& event) {
+  print(stdout, event.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+}
+
+void print_openjd_progress(const JobStep& step, double part) {
+  print(stdout, fmt::format("openjd_progress: {:.2f}\n", 100 * step.share(part)));
+}
+
+std::string clock_text(double seconds) {
+  const long s = long(std::clamp(seconds, 0.0, 1e9) + 0.5);
+  return s >= 3600 ? fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60)
+                   : fmt::format("{}:{:02}", s / 60, s % 60);
+}
+
+ProgressBar::ProgressBar() {
+  set_log_writer([this](std::string_view line) { print_above(std::string(line)); });
+}
+
+ProgressBar::~ProgressBar() {
+  set_log_writer({});
+  clear();
+}
+
+void ProgressBar::show(double part, const std::string& text) {
+  winsize size{};
+  const int columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0 ? size.ws_col : 80;
+  const int width = std::clamp(columns - int(text.size()) - 4, 0, 40);
+  std::string line;
+  if (width >= 8) {
+    const int full = int(part * width);
+    line = fmt::format("[{:=<{}}{:{}}]", "", full, "", width - full);
+  }
+  draw((line + " " + text).substr(0, std::size_t(std::max(columns - 1, 10))));
+}
+
+void ProgressBar::print_above(const std::string& line) {
+  const std::scoped_lock lock(mutex_);
+  print(stderr, kEraseLine + line + line_);
+}
+
+void ProgressBar::draw(std::string line) {
+  const std::scoped_lock lock(mutex_);
+  if (line.empty() && line_.empty()) return;
+  line_ = std::move(line);
+  print(stderr, kEraseLine + line_);
+}
+
+}  // namespace tempera
