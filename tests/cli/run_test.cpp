@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <cstdlib>
+#include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 
@@ -140,17 +141,22 @@ TEST_F(CliRun, FramesOfAnEarlierAndLongerShotDoNotCount) {
 }
 
 TEST_F(CliRun, KilledInAnyStepThenResumedGivesTheSameBits) {
-  shot_ = write_shot("dance.toml", "window = 4\noverlap = 2\nrounds = 20\niterations = 60\n");
+  // Steps that last long enough to be stopped in their middle on a busy machine too.
+  shot_ = write_shot("dance.toml", "window = 4\noverlap = 2\nrounds = 60\niterations = 100\n");
   const std::vector<std::string> slow{"--spp", "16", "--threads", "2"};
   const auto with = [&](std::vector<std::string> more) {
     more.insert(more.end(), slow.begin(), slow.end());
     return more;
   };
   const bool movies = has_ffmpeg();
+  fs::create_directories(path("slow"));
+  std::ofstream(path("slow/ffmpeg")) << "#!/bin/sh\nsleep 2\nPATH=${PATH#*:} exec ffmpeg \"$@\"\n";
+  fs::permissions(path("slow/ffmpeg"), fs::perms::owner_all);
+  const auto slow_movies = [&] { setenv("PATH", (path("slow") + ":" + std::getenv("PATH")).c_str(), 1); };
   const std::string none = movies ? "--progress=plain" : "--no-video";  // the former changes nothing
   ASSERT_EQ(run_to("whole", with({none})).status, 0);
   const auto stopped_when = [&](const std::function<bool(const Process&)>& when, int signal) {
-    Process p(arguments("part", with({none, "--resume"})));
+    Process p(arguments("part", with({none, "--resume"})), slow_movies);
     EXPECT_TRUE(p.wait_until([&] { return when(p); }));
     p.signal(signal);
     return p.finish();

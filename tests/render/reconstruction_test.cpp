@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
 
 #include "support/effort.h"
 #include "tempera/pipeline/render.h"
@@ -17,19 +18,77 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Method {
+struct Case {
   const char* name;
-  const char* integrator;
-  std::vector<std::string> parameters;
+  std::string scene;  ///< XML; empty: scenes/tests/cornell_motion.xml
+  std::vector<std::string> settings;
   int spp = 16;
 };
-void PrintTo(const Method& m, std::ostream* out) { *out << m.name; }
+void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
 
-class Reconstruction : public testing::TestWithParam<Method> {
+const std::vector<std::string> kGradient{"integrator.name=gradient_path", "integrator.rr_depth=100"},
+    kTemporal{"integrator.name=temporal_gradient_path", "integrator.rr_depth=100"},
+    kRoulette{"integrator.name=temporal_gradient_path", "integrator.rr_depth=1"},
+    kAdaptive{"integrator.name=temporal_gradient_path", "integrator.rr_depth=100", "integrator.adaptive=unbiased"};
+
+/// A ball that hops and a block that turns between a floor and a wall, seen by a camera that travels.
+std::string moving_scene(const std::string& lights, const std::string& floor, const std::string& ball) {
+  return fmt::format(R"(<scene version="3.0.0">
+  <sensor type="perspective"><float name="fov" value="45"/><float name="shutter_close" value="0.02"/>
+    <animation name="to_world">
+      <transform time="0"><lookat origin="-0.3, 1, 4" target="0, 0.4, 0" up="0, 1, 0"/></transform>
+      <transform time="1"><lookat origin="0.5, 1.2, 3.7" target="0, 0.4, 0" up="0, 1, 0"/></transform>
+    </animation>
+  </sensor>
+  {}
+  <shape type="rectangle"><transform name="to_world"><scale value="3"/><rotate x="1" angle="-90"/></transform>{}</shape>
+  <shape type="rectangle"><transform name="to_world"><scale value="3"/><translate z="-1.5"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0.7, 0.5, 0.3"/></bsdf></shape>
+  <shape type="sphere"><float name="radius" value="0.5"/>
+    <animation name="to_world">
+      <transform time="0"><translate x="-0.9" y="0.5" z="0.3"/></transform>
+      <transform time="1"><translate x="0.3" y="1" z="0.5"/></transform>
+    </animation>{}</shape>
+  <shape type="cube">
+    <animation name="to_world">
+      <transform time="0"><scale value="0.4"/><translate x="0.8" y="0.4" z="-0.3"/></transform>
+      <transform time="1"><scale value="0.4"/><rotate y="1" angle="100"/><translate x="0.8" y="0.4" z="-0.3"/></transform>
+    </animation>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0.2, 0.6, 0.4"/></bsdf></shape>
+</scene>)",
+                     lights, floor, ball);
+}
+/// A rectangular light above, of half the given side.
+std::string lamp(double half) {
+  return fmt::format(R"(<shape type="rectangle"><transform name="to_world"><scale value="{}"/><rotate x="1" angle="90"/>
+    <translate x="-0.4" y="2.4" z="0.6"/></transform><emitter type="area"><rgb name="radiance" value="{}"/></emitter></shape>)",
+                     half, 3 / (half * half));
+}
+const std::string kPoint =
+    R"(<emitter type="point"><point name="position" x="-0.6" y="2.5" z="1"/><rgb name="intensity" value="8"/></emitter>)";
+const std::string kSpot = R"(<emitter type="spot"><transform name="to_world"><lookat origin="-1, 2.5, 2"
+    target="0, 0.3, 0" up="0, 1, 0"/></transform><rgb name="intensity" value="20"/></emitter>)";
+const std::string kSky = R"(<emitter type="sky"><float name="turbidity" value="4"/></emitter>)";
+const std::string kConstant = R"(<emitter type="constant"><rgb name="radiance" value="0.8, 0.9, 1"/></emitter>)";
+const std::string kDiffuse = R"(<bsdf type="diffuse"><rgb name="reflectance" value="0.6"/></bsdf>)";
+const std::string kGlass = R"(<bsdf type="dielectric"/>)";
+const std::string kMirror = R"(<bsdf type="conductor"><string name="material" value="Cu"/></bsdf>)";
+const std::string kMixed = R"(<bsdf type="blendbsdf"><float name="weight" value="0.4"/><bsdf type="diffuse"/>
+    <bsdf type="conductor"><string name="material" value="Al"/></bsdf></bsdf>)";
+std::string rough(const char* type, double alpha) {
+  return fmt::format(R"(<bsdf type="{}"><float name="alpha" value="{}"/></bsdf>)", type, alpha);
+}
+
+class Reconstruction : public testing::TestWithParam<Case> {
  protected:
   void SetUp() override {
     folder_ = fs::temp_directory_path() / fmt::format("tempera_unbiased_{}_{}", GetParam().name, getpid());
     fs::create_directories(folder_);
+    scene_ = std::string(TEMPERA_SOURCE_DIR) + "/scenes/tests/cornell_motion.xml";
+    if (!GetParam().scene.empty()) {
+      scene_ = path("scene.xml");
+      std::ofstream(scene_) << GetParam().scene;
+    }
     set_log_level(LogLevel::kWarning);
   }
   void TearDown() override {
@@ -37,11 +96,11 @@ class Reconstruction : public testing::TestWithParam<Method> {
     set_log_level(LogLevel::kInfo);
   }
   LoadedShot load(const std::vector<std::string>& more) const {
-    ShotConfig config = read_shot_config(std::string(TEMPERA_SOURCE_DIR) + "/scenes/tests/cornell_motion.xml");
-    // Without caustics, whose rare large values make the variance of any number of samples worthless.
-    for (const char* key :
-         {"film.resolution=16x12", "film.filter=box", "sampling.sampler=independent", "integrator.max_depth=3"})
+    ShotConfig config = read_shot_config(scene_);
+    for (const char* key : {"film.resolution=16x12", "film.filter=box", "sampling.sampler=independent"})
       config.assign(key);
+    // Without the caustics of the box, whose rare large values make the variance of any number of samples worthless.
+    config.assign(GetParam().scene.empty() ? "integrator.max_depth=3" : "integrator.max_depth=5");
     for (const std::string& key : more) config.assign(key);
     Warnings warnings;
     return load_shot(config, {}, warnings);
@@ -49,6 +108,7 @@ class Reconstruction : public testing::TestWithParam<Method> {
   std::string path(const char* name) const { return (folder_ / name).string(); }
 
   fs::path folder_;
+  std::string scene_;
 };
 
 constexpr int kWidth = 16, kHeight = 12, kFrames = 3, kFirst = 20;
@@ -101,9 +161,8 @@ TEST_P(Reconstruction, HasTheMeanOfPathTracing) {
   pictures.reserve(kFrames);
   for (int f = 0; f < kFrames; ++f) pictures.push_back(render_frame(truth.shot, truth.scene, kFirst + f));
   const auto picture = [&](int f) -> const Frame& { return pictures[std::size_t(f - kFirst)]; };
-  std::vector<std::string> keys{fmt::format("sampling.spp={}", spp),
-                                fmt::format("integrator.name={}", GetParam().integrator)};
-  keys.insert(keys.end(), GetParam().parameters.begin(), GetParam().parameters.end());
+  std::vector<std::string> keys = GetParam().settings;
+  keys.push_back(fmt::format("sampling.spp={}", spp));
   LoadedShot shot = load(keys);
   shot.shot.frames.clear();
   for (int f = 0; f < kFrames; ++f) shot.shot.frames.push_back(kFirst + f);
@@ -158,14 +217,24 @@ TEST_P(Reconstruction, HasTheMeanOfPathTracing) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Methods, Reconstruction,
-                         testing::Values(Method{"gradient", "gradient_path", {"integrator.rr_depth=100"}},
-                                         Method{"temporal", "temporal_gradient_path", {"integrator.rr_depth=100"}},
-                                         Method{"roulette", "temporal_gradient_path", {"integrator.rr_depth=1"}},
-                                         Method{"adaptive",
-                                                "temporal_gradient_path",
-                                                {"integrator.rr_depth=100", "integrator.adaptive=unbiased"},
-                                                64}),
+                         testing::Values(Case{"gradient", "", kGradient}, Case{"temporal", "", kTemporal},
+                                         Case{"roulette", "", kRoulette}, Case{"adaptive", "", kAdaptive, 64}),
                          [](const auto& i) { return std::string(i.param.name); });
+
+// Light and material of every kind that shifts treat differently, in motion.
+INSTANTIATE_TEST_SUITE_P(
+    Scenes, Reconstruction,
+    testing::Values(Case{"penumbra", moving_scene(lamp(0.1), kDiffuse, kDiffuse), kTemporal},
+                    Case{"point", moving_scene(kPoint, kDiffuse, kDiffuse), kTemporal},
+                    Case{"spot", moving_scene(kSpot, kDiffuse, kDiffuse), kTemporal},
+                    Case{"sky", moving_scene(kSky, kDiffuse, rough("roughplastic", 0.2)), kTemporal},
+                    Case{"glossy", moving_scene(lamp(0.6), rough("roughconductor", 0.2), kDiffuse), kTemporal},
+                    Case{"mirror", moving_scene(kConstant, kDiffuse, kMirror), kTemporal},
+                    Case{"glass", moving_scene(kConstant, kDiffuse, kGlass), kTemporal},
+                    Case{"rough_glass", moving_scene(kConstant, kDiffuse, rough("roughdielectric", 0.3)), kTemporal},
+                    Case{"mixed", moving_scene(lamp(0.6) + kPoint + kConstant, kMixed, rough("roughplastic", 0.3)),
+                         kTemporal}),
+    [](const auto& i) { return std::string(i.param.name); });
 
 }  // namespace
 }  // namespace tempera
