@@ -17,7 +17,8 @@ namespace tempera {
 
 namespace {
 
-/// "frame,x,y,sample", and with the random numbers of another pixel or pass ",stream,x,y". Errors: Error{kUsage}.
+/// "frame,x,y,sample", and with the random numbers of another pixel or pass ",stream,x,y,turn,turn" as in PixelKey.
+/// Errors: Error{kUsage}.
 BadSample parse_replay(const std::string& text, const RenderSettings& settings) {
   std::vector<std::int64_t> numbers;
   for (const char *at = text.data(), *end = at + text.size();; ++at) {
@@ -29,14 +30,15 @@ BadSample parse_replay(const std::string& text, const RenderSettings& settings) 
     if (numbers.empty() || next == end) break;
     at = next;
   }
-  if (numbers.size() != 4 && numbers.size() != 7) {
+  if (numbers.size() != 4 && numbers.size() != 9) {
     throw Error(
         ErrorCode::kUsage, ShotConfig::kCommandLine(),
-        fmt::format("--replay \"{}\" is not of the form frame,x,y,sample or frame,x,y,sample,stream,x,y", text));
+        fmt::format("--replay \"{}\" is not of the form frame,x,y,sample or frame,x,y,sample,stream,x,y,turn,turn",
+                    text));
   }
   BadSample b{int(numbers[0]), int(numbers[1]), int(numbers[2]), int(numbers[3]), {}};
-  b.numbers = numbers.size() == 7 ? PixelKey{numbers[4], int(numbers[5]), int(numbers[6])}
-                                  : own_key(settings, b.frame, b.x, b.y);
+  b.numbers = own_key(settings, b.frame, b.x, b.y);
+  if (numbers.size() == 9) b.numbers = {numbers[4], int(numbers[5]), int(numbers[6]), int(numbers[7]), int(numbers[8])};
   return b;
 }
 

@@ -66,7 +66,9 @@ void Params::set(const std::string& name, ParamValue value, const SourceLoc& loc
 void Params::set_text(const std::string& name, const std::string& text, const SourceLoc& loc) {
   const ParamSpec& s = spec(name, loc);
   const auto fail = [&]() -> Error {
-    return Error(ErrorCode::kBadInput, loc, fmt::format("{} = \"{}\" is not a {}", name, text, type_name(s.fallback)));
+    static const char* const kinds[] = {"true or false", "an integer", "a number", "a string"};
+    return Error(ErrorCode::kBadInput, loc,
+                 fmt::format("{} = \"{}\" is not {}", name, text, kinds[s.fallback.index()]));
   };
   if (std::holds_alternative<std::string>(s.fallback)) return set(name, text, loc);
   if (std::holds_alternative<bool>(s.fallback)) {

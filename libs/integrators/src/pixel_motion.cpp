@@ -95,6 +95,7 @@ ReplayMap make_replay_map(const FrameContext& before, const FrameContext& now) {
   struct Arrow {
     int x = -1, y = -1;
     float distance = kInfinity;
+    Vec2f residue;
   };
   const auto arrows = [&](const FrameContext& context, int step) {
     std::vector<Arrow> result(n);
@@ -105,13 +106,14 @@ ReplayMap make_replay_map(const FrameContext& before, const FrameContext& now) {
         if (!m || std::abs(m->pixels.x) > float(w) || std::abs(m->pixels.y) > float(h)) continue;
         const int x = i + int(std::lround(m->pixels.x)), y = int(row) + int(std::lround(m->pixels.y));
         if (x < 0 || y < 0 || x >= w || y >= h) continue;
-        result[std::size_t(row) * std::size_t(w) + std::size_t(i)] = {x, y, view.distance};
+        const Vec2f residue{m->pixels.x - float(x - i), m->pixels.y - float(y - int(row))};
+        result[std::size_t(row) * std::size_t(w) + std::size_t(i)] = {x, y, view.distance, residue};
       }
     });
     return result;
   };
   const std::vector<Arrow> forward = arrows(before, 1), backward = arrows(now, -1);
-  map.sources.assign(n, {-1, -1});
+  map.sources.assign(n, {});
   std::vector<float> nearest(n, kInfinity);
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
@@ -122,8 +124,8 @@ ReplayMap make_replay_map(const FrameContext& before, const FrameContext& now) {
       const Arrow& b = backward[j];
       if (b.x < 0 || std::abs(b.x - x) > 1 || std::abs(b.y - y) > 1) continue;
       // Of several pixels that lead to one, the closest to the camera keeps it.
-      if (map.sources[j][0] >= 0 && !(f.distance < nearest[j])) continue;
-      map.sources[j] = {x + map.x0, y + map.y0};
+      if (map.sources[j].x >= 0 && !(f.distance < nearest[j])) continue;
+      map.sources[j] = {x + map.x0, y + map.y0, f.residue};
       nearest[j] = f.distance;
     }
   }

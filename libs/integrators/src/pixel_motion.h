@@ -29,12 +29,17 @@ std::optional<PixelMotion> pixel_motion(const FrameContext& context, const Pixel
 /// Writes object_id, motion.forward and motion.backward, where `out` has them.
 void write_motion(const FrameContext& context, const Tile& tile, Frame& out);
 
-/// For each pixel of the crop window of a frame, row by row: the pixel of the frame before that shows the same matter,
-/// or {-1, -1}. One to one; depends on geometry alone. [Manzi 2016, Sec. 4.2.1]
+/// For each pixel of the crop window of a frame, row by row: the pixel of the frame before that shows the same matter.
+/// One to one; depends on geometry alone. [Manzi 2016, Sec. 4.2.1]
 struct ReplayMap {
+  struct Source {
+    int x = -1, y = -1;  ///< -1: none
+    /// Motion is rounded to whole pixels; this is what that leaves over, in pixels within [-0.5, 0.5].
+    Vec2f residue;
+  };
   int x0 = 0, y0 = 0, width = 0, height = 0;
-  std::vector<std::array<int, 2>> sources;
-  const std::array<int, 2>& at(int x, int y) const {
+  std::vector<Source> sources;
+  const Source& at(int x, int y) const {
     return sources[std::size_t(y - y0) * std::size_t(width) + std::size_t(x - x0)];
   }
 };

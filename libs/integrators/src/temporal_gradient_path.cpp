@@ -7,6 +7,7 @@
 // temporal shift copies all primary sample coordinates and adds a frame to the time, so its Jacobian is one.
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 #include "gradient_pass.h"
 #include "pixel_motion.h"
@@ -34,7 +35,16 @@ struct ReplayPlan final : FramePlan {
 
 class TemporalGradientPathIntegrator final : public Integrator {
  public:
-  explicit TemporalGradientPathIntegrator(const Params& p) : options_(p) {}
+  static const std::vector<ParamSpec>& params() {
+    static const std::vector<ParamSpec> specs = [] {
+      std::vector<ParamSpec> s = GradientOptions::params();
+      s.push_back({"subpixel_motion", true, "replayed samples follow motion by parts of a pixel (box filter)"});
+      return s;
+    }();
+    return specs;
+  }
+  explicit TemporalGradientPathIntegrator(const Params& p)
+      : options_(p), subpixel_motion_(p.get_bool("subpixel_motion")) {}
 
   std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
     check_gradient_settings(settings, "temporal_gradient_path");
@@ -121,11 +131,16 @@ class TemporalGradientPathIntegrator final : public Integrator {
     for (int y = tile.y0; y < tile.y1; ++y) {
       for (int x = tile.x0; x < tile.x1; ++x) {
         if (stop.stop_requested()) return false;
-        const auto& [sx, sy] = plan.map.at(x, y);
+        const ReplayMap::Source& from = plan.map.at(x, y);
+        const int sx = from.x, sy = from.y;
         const bool replayed = sx >= 0;
         // What could not be seen before gets samples of its own: differences need samples on both sides.
-        const PixelKey key =
-            replayed ? PixelKey{context.frame - 1, sx, sy} : PixelKey{context.frame + kFillStreams, x, y};
+        PixelKey key{context.frame + kFillStreams, x, y};
+        if (replayed) {
+          key = {context.frame - 1, sx, sy};
+          key.turn_x = turn(context.settings.filter, from.residue.x);
+          key.turn_y = turn(context.settings.filter, from.residue.y);
+        }
         const int count = replayed && !plan.samples_before.empty() ? int(plan.samples_before.at(sx - x0, sy - y0))
                                                                    : offset_samples(context.settings);
         film.sample(context, options_, x, y, key, 0, count, counters);
@@ -137,7 +152,17 @@ class TemporalGradientPathIntegrator final : public Integrator {
     return true;
   }
 
+  /// How far samples are turned within the pixel to stay on the matter that they showed in the frame before: those that
+  /// leave it on one side come back on the other, so that the density stays even. In units of PixelKey. Beyond [Manzi
+  /// 2016], where matter moves against the pixel by what rounding leaves over. Other filters are not even: turned by
+  /// what is right in their middle, samples further out stray more than without.
+  int turn(const PixelFilter& filter, float residue) const {
+    if (!subpixel_motion_ || filter.kind() != FilterKind::kBox) return 0;
+    return int(std::lround(residue / (2 * filter.radius()) * PixelKey::kTurn));
+  }
+
   GradientOptions options_;
+  bool subpixel_motion_;
 };
 
 }  // namespace
@@ -146,7 +171,7 @@ extern const IntegratorEntry temporal_gradient_path_entry;
 const IntegratorEntry temporal_gradient_path_entry{
     "temporal_gradient_path",
     "Temporal gradient-domain path tracing: differences over space and time for `tempera reconstruct`",
-    GradientOptions::params(),
+    TemporalGradientPathIntegrator::params(),
     [](const Params& p) -> std::unique_ptr<Integrator> { return std::make_unique<TemporalGradientPathIntegrator>(p); }};
 
 }  // namespace tempera

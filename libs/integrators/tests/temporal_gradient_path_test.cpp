@@ -85,6 +85,54 @@ TEST(TemporalGradientPath, FollowsAPan) {
   EXPECT_GT(now.layer("offset.color").rgb(31, 5).g, 0) << "what was not seen before has samples of its own";
 }
 
+// A pan by three and a third pixels over stripes of a third of a pixel: a sample that stays where it is in the pixel
+// lands on the stripe beside its own. Of samples that move along a third leave the pixel, and come back three stripes
+// away.
+TEST(TemporalGradientPath, FollowsPartsOfPixels) {
+  TestShot shot;
+  shot.orthographic(1);
+  const double pixel = 2.0 / 32;
+  Mesh stripes;
+  for (int i = -96; i < 96; i += 2) {
+    const Mesh one = quad({float((i + 0.5) * pixel / 3), 0, 0}, {float(pixel / 6), 0, 0}, {0, 2, 0});
+    for (const int index : one.indices) stripes.indices.push_back(int(stripes.positions.size()) + index);
+    stripes.positions.insert(stripes.positions.end(), one.positions.begin(), one.positions.end());
+  }
+  shot.add(stripes, make_diffuse(0.0f)).emission = AreaEmission{Slot(1.0f), true};
+  shot.add(quad({0, 0, -0.01f}, {9, 0, 0}, {0, 9, 0}), make_diffuse(0.0f));
+  AnimatedTransform pan;
+  pan.keyed = true;
+  pan.translation = {{-1, 1}, {Vec3d{-10 * pixel / 3, 0, 5}, Vec3d{10 * pixel / 3, 0, 5}}, Interpolation::kLinear};
+  pan.rotation = axis_angle(Vec3d{0, 1, 0}, kPiD);
+  shot.scene.nodes[std::size_t(shot.scene.cameras[0].node)].local = pan;
+  const auto difference = [&](const std::string& parameters, FilterKind filter) {
+    shot.parameters = "max_depth=1," + parameters;
+    shot.settings.filter = PixelFilter(filter);
+    const TestShot t = temporal(shot, 64);
+    const Frame before = t.render(0), now = t.render(1);
+    const Image& source = now.layer("offset.source");
+    double sum = 0;
+    int n = 0;
+    for (int y = 0; y < 32; ++y) {
+      for (int x = 0; x < 32; ++x) {
+        if (source.at(x, y, 2) == 0) continue;
+        const int sx = int(source.at(x, y, 0)), sy = int(source.at(x, y, 1));
+        EXPECT_EQ(sx, x + 3);
+        sum += sqr(now.layer("offset.color").rgb(x, y).g - before.layer("color").rgb(sx, sy).g);
+        ++n;
+      }
+    }
+    EXPECT_GT(n, 800);
+    return sum / n - 1.0 / 9;  // pixels have one or two lit stripes in turn
+  };
+  const double without = difference("subpixel_motion=false", FilterKind::kBox);
+  EXPECT_NEAR(without, 1.0 / 32, 0.2 / 32) << "each sample changes by one";
+  EXPECT_NEAR(difference("subpixel_motion=true", FilterKind::kBox), 1.0 / 96, 0.2 / 96);
+  EXPECT_EQ(difference("subpixel_motion=true", FilterKind::kGaussian),
+            difference("subpixel_motion=false", FilterKind::kGaussian))
+      << "only even densities can be turned";
+}
+
 // Two cards that pass each other: no pixel replays numbers of another object's, and each source serves one pixel.
 TEST(TemporalGradientPath, NeverCrossesObjects) {
   TestShot shot;

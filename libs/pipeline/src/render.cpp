@@ -507,7 +507,7 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     const bool own = n == own_key(shot.settings, b.frame, b.x, b.y);
     log_warning(fmt::format("{} samples were not finite and were left out; see one of them: {} --replay {},{},{},{}{}",
                             t.bad_samples, options.command, b.frame, b.x, b.y, b.sample,
-                            own ? "" : fmt::format(",{},{},{}", n.stream, n.x, n.y)));
+                            own ? "" : fmt::format(",{},{},{},{},{}", n.stream, n.x, n.y, n.turn_x, n.turn_y)));
   }
   if (report.frames.size() < plan.frames.size()) {
     throw Error(ErrorCode::kCancelled, fmt::format("stopped; {} of {} frames are done, --resume continues",

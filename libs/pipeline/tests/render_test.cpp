@@ -326,6 +326,7 @@ TEST_F(RenderSequence, ReplaysSamplesOfEveryPass) {
   shot_.settings.filter = PixelFilter(FilterKind::kBox);
   shot_.integrator = "temporal_gradient_path";
   shot_.params = Params(find_integrator(shot_.integrator).params);
+  shot_.params.set("subpixel_motion", false);
   const Frame f = render_frame(shot_, scene_, 1);
   const Image& source = f.layer("offset.source");
   for (const int x : {30, 40, 50}) {
