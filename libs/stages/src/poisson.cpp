@@ -29,6 +29,10 @@ struct StoredWeight {
   const BFloat16* p;
   float at(int i) const { return to_float(p[i]); }
 };
+struct StoredPrecision {
+  const Precision* p;
+  float at(int i) const { return to_float(p[i]); }
+};
 struct NoData {
   static constexpr float at(int) { return 0; }
 };
@@ -150,10 +154,15 @@ class BandSums {
 
 }  // namespace
 
+Precision to_precision(float v) {
+  if (!(v > 0)) return {};
+  const std::uint32_t rounded = (std::bit_cast<std::uint32_t>(v) + (1u << 18)) >> 19;
+  return {std::uint8_t(std::clamp(rounded, Precision::kBase + 1, Precision::kBase + 255) - Precision::kBase)};
+}
+
 void PoissonFrame::set_precision(RowSet set, int y, std::span<const float> values) {
-  if (!has_precision()) precision_ = RowBlock<BFloat16>(width(), std::int64_t(kRowSets) * height_);
-  BFloat16* out = precision_.row(std::int64_t(y) * kRowSets + int(set));
-  for (std::size_t i = 0; i < values.size(); ++i) out[i] = to_bfloat16(values[i]);
+  if (!has_precision()) precision_ = RowBlock<Precision>(width(), std::int64_t(kRowSets) * height_);
+  std::transform(values.begin(), values.end(), precision_.row(std::int64_t(y) * kRowSets + int(set)), to_precision);
 }
 
 PoissonSystem::PoissonSystem(std::span<const PoissonFrame* const> window, const PoissonWeights& weights)
@@ -275,7 +284,7 @@ void PoissonSystem::set_precise() {
   store_weights();
   parallel_for(0, std::int64_t(frames) * h, [&](std::int64_t row) {
     for (int set = 0; set < kRowSets; ++set) {
-      const StoredWeight precision{window_[std::size_t(row / h)]->precision(RowSet(set), int(row % h))};
+      const StoredPrecision precision{window_[std::size_t(row / h)]->precision(RowSet(set), int(row % h))};
       const float w0 = weights_.of(RowSet(set));
       BFloat16* out = squared_.row(row * kRowSets + set);
       for (int i = 0; i < w; ++i) out[i] = to_bfloat16(w0 * w0 * precision.at(i));
@@ -355,7 +364,7 @@ double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double sca
     const auto put = [&](RowSet set, int t, int y, int i0, int n, const auto& residual) {
       BFloat16* out = squared_.row((std::int64_t(t) * h + y) * kRowSets + int(set)) + i0;
       const PoissonFrame& f = *window_[std::size_t(t)];
-      const StoredWeight precision{f.has_precision() ? f.precision(set, y) + i0 : nullptr};
+      const StoredPrecision precision{f.has_precision() ? f.precision(set, y) + i0 : nullptr};
       const float uniform = weights_.of(set) * weights_.of(set), top = float(scale);
       constexpr int kChunk = 256;
       float norm[kChunk], square[kChunk];
@@ -668,7 +677,8 @@ PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const P
     int step = 0;
     report.steps += conjugate_gradients(system, n, x, v, report.residual, [&] { before_step(round, step++); });
   };
-  const bool precise = window[0]->has_precision();
+  // Rounds of reweighting take the precisions in; a start without them can be exact.
+  const bool precise = window[0]->has_precision() && !(l1 && rounds > 1 && system.is_separable());
   const bool on_cuda = settings.device == PoissonDevice::kCuda;
   if (system.is_separable() && !precise) {
     solve_separable(system, v.r, x);

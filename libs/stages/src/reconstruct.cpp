@@ -41,12 +41,12 @@ const std::vector<ParamSpec> kParams = {
      {"all", "dt", "none"}},
     {"strict_mixed", false, "use mixed differences only where the neighbouring pixel moves along"},
     {"weights",
-     std::string("uniform"),
-     "weights of rows: uniform; local: differences over time count less where they are large around; variance: that, "
-     "and the others by color.var, grad.x.var, grad.y.var (and offset.*), which the frames must have",
+     std::string("auto"),
+     "weights of differences: uniform; variance: the less, the noisier they are around, as the two passes of "
+     "temporal_gradient_path tell; auto: variance with l1, uniform with l2, which they would bias",
      -1e300,
      1e300,
-     {"uniform", "local", "variance"}},
+     {"auto", "uniform", "variance"}},
     {"schedule",
      std::string("fast"),
      "how l1 reweights: fast (6 rounds of 15 steps) or published (20 of 50)",
@@ -71,8 +71,6 @@ std::string layer_file(const std::string& path, const std::string& layer) {
   throw Error(ErrorCode::kBadInput, layer_file(path, layer) + " " + what);
 }
 
-enum class RowWeights { kUniform, kLocal, kVariance };
-
 /// Parameters in the form in which the driver needs them.
 struct Settings {
   /// `temporal`: whether the frames have an offset pass; without it there is nothing that windows could share.
@@ -88,7 +86,7 @@ struct Settings {
     runs.strict_mixed = p.get_bool("strict_mixed");
     if (!runs.mixed) poisson.weights.mixed = 0;
     const std::string& rule = p.get_string("weights");
-    weights = rule == "variance" ? RowWeights::kVariance : rule == "local" ? RowWeights::kLocal : RowWeights::kUniform;
+    weighted = temporal && (rule == "variance" || (rule == "auto" && poisson.norm == PoissonNorm::kL1));
     window = p.get_int("window");
     overlap = p.get_int("overlap");
     if (overlap < 0) overlap = window / 2;
@@ -98,12 +96,10 @@ struct Settings {
           fmt::format("an overlap of {} frames needs windows of more than {}, not of {}", overlap, overlap, window));
     }
     if (rows == "none" || !temporal) window = 1, overlap = 0;
-    // Frames alone have no differences over time that could be weighted.
-    if (window == 1 && weights == RowWeights::kLocal) weights = RowWeights::kUniform;
   }
   PoissonSettings poisson;
   MotionRunOptions runs;
-  RowWeights weights = RowWeights::kUniform;
+  bool weighted = false;  ///< whether differences are weighted by their variance
   int window = 10, overlap = 5;
 };
 
@@ -120,7 +116,6 @@ bool keeps_piece(const FrameRange& piece, bool goes_on, int begin, int length, i
 /// The layers of one pass of a file.
 struct Pass {
   Image color, grad_x, grad_y;
-  Image color_variance, grad_x_variance, grad_y_variance;  ///< empty unless asked for
 };
 
 /// What a file holds for the reconstruction.
@@ -176,8 +171,7 @@ void check_finite(const std::string& path, const std::string& layer, const Image
 /// Reads the files of a sequence and checks them.
 class Reader {
  public:
-  /// `variances`: whether to read those of the passes, too.
-  Reader(const FrameSequence& sequence, int first, bool variances) : sequence_(sequence), variances_(variances) {
+  Reader(const FrameSequence& sequence, int first) : sequence_(sequence) {
     const FrameHeader header = read_header(sequence.path(first));
     width_ = header.width, height_ = header.height;
     first_path_ = sequence.path(first);
@@ -203,10 +197,6 @@ class Reader {
     };
     const std::string samples = layers::offset(layers::samples()).name;
     std::vector<LayerDesc> wanted{layers::color(), layers::grad_x(), layers::grad_y()};
-    if (variances_) {
-      for (const LayerDesc& d : {layers::color_variance(), layers::grad_x_variance(), layers::grad_y_variance()})
-        wanted.push_back(d);
-    }
     if (temporal_) {
       for (const std::vector<LayerDesc> base = wanted; const LayerDesc& d : base) wanted.push_back(layers::offset(d));
       wanted.push_back(layers::offset(layers::source()));
@@ -214,15 +204,6 @@ class Reader {
     ReadOptions options;
     for (const LayerDesc& d : wanted) {
       if (!has(d.name)) {
-        if (d.name.ends_with(".var")) {
-          std::string names;
-          for (const LayerDesc& k : wanted) {
-            if (k.name.ends_with(".var")) names += (names.empty() ? "" : ",") + k.name;
-          }
-          throw Error(ErrorCode::kBadInput,
-                      fmt::format("{} has no layer \"{}\", which --weights variance needs; render with --layers {}",
-                                  in.path, d.name, names));
-        }
         throw Error(ErrorCode::kBadInput,
                     fmt::format("{} has no layer \"{}\": reconstruction needs the frames of the integrator {}", in.path,
                                 d.name, temporal_ ? "temporal_gradient_path" : "gradient_path"));
@@ -238,12 +219,7 @@ class Reader {
       return std::move(image);
     };
     const auto take_pass = [&](const std::string& prefix) {
-      Pass pass{take(prefix + "color", 3), take(prefix + "grad.x", 3), take(prefix + "grad.y", 3), {}, {}, {}};
-      if (variances_) {
-        pass.color_variance = take(prefix + "color.var", 3);
-        pass.grad_x_variance = take(prefix + "grad.x.var", 3), pass.grad_y_variance = take(prefix + "grad.y.var", 3);
-      }
-      return pass;
+      return Pass{take(prefix + "color", 3), take(prefix + "grad.x", 3), take(prefix + "grad.y", 3)};
     };
     in.base = take_pass("");
     const auto all = [](int, int) { return true; };
@@ -281,7 +257,7 @@ class Reader {
   const FrameSequence& sequence_;
   std::string first_path_;
   int width_ = 0, height_ = 0;
-  bool temporal_ = false, variances_ = false;
+  bool temporal_ = false;
 };
 
 /// phi from the frame before to `in`, whose offset pass tells the inverse. [Manzi 2016, Sec. 4.2]
@@ -331,25 +307,22 @@ void combine_passes(const Input& in, PoissonFrame& out) {
       8);
 }
 
-/// Variances of what combine_passes makes; those that are not finite count as none.
-DataVariance combine_variances(const Input& in, int w, int h) {
-  DataVariance out{Image(w, h, 1), Image(w, h, 1), Image(w, h, 1)};
+/// Variances of the spatial data that combine_passes makes: the passes of a frame are independent estimates of the
+/// same.
+DataVariance variance_between_passes(const Input& in, int w, int h) {
+  DataVariance out{Image(w, h, 1), Image(w, h, 1)};
   parallel_for(
       0, h,
       [&](std::int64_t row) {
         const int y = int(row);
-        const auto mean = [&](const Image& base, const Image& offset, int x, bool both) {
-          const Rgb b = base.rgb(x, y), v = both ? (b + offset.rgb(x, y)) * 0.25f : b;
-          const float m = (v.r + v.g + v.b) / 3;
-          return std::isfinite(m) && m > 0 ? m : 0.0f;
+        const auto put = [&](Image& image, int x, const Image& base, const Image& offset, bool both) {
+          const Rgb d = (base.rgb(x, y) - offset.rgb(x, y)) * 0.5f;
+          image.at(x, y) = both ? (d.r * d.r + d.g * d.g + d.b * d.b) / 3 : -1;
         };
         for (int x = 0; x < w; ++x) {
           const bool here = in.is_sampled(x, y);
-          out.primal.at(x, y) = mean(in.base.color_variance, in.offset.color_variance, x, here);
-          out.dx.at(x, y) =
-              mean(in.base.grad_x_variance, in.offset.grad_x_variance, x, here && x + 1 < w && in.is_sampled(x + 1, y));
-          out.dy.at(x, y) =
-              mean(in.base.grad_y_variance, in.offset.grad_y_variance, x, here && y + 1 < h && in.is_sampled(x, y + 1));
+          put(out.dx, x, in.base.grad_x, in.offset.grad_x, here && x + 1 < w && in.is_sampled(x + 1, y));
+          put(out.dy, x, in.base.grad_y, in.offset.grad_y, here && y + 1 < h && in.is_sampled(x, y + 1));
         }
       },
       8);
@@ -381,8 +354,7 @@ void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
 /// The frames of a window and a few around it, in order without gaps.
 class FrameBuffer {
  public:
-  FrameBuffer(const Reader& reader, const MotionRunOptions& runs, RowWeights weights)
-      : reader_(reader), runs_(runs), weights_(weights) {}
+  FrameBuffer(const Reader& reader, const Settings& settings) : reader_(reader), settings_(settings) {}
 
   /// Makes frames first to last available; forgets those before `first`. Errors: those of reading.
   void hold(int first, int last, const std::function<void()>& before_read) {
@@ -412,18 +384,17 @@ class FrameBuffer {
     const int w = reader_.width(), h = reader_.height();
     Slot slot{f, std::make_unique<PoissonFrame>(w, h), true};
     combine_passes(*in, *slot.data);
-    if (weights_ == RowWeights::kVariance)
-      slot.variance = set_spatial_precision(*slot.data, combine_variances(*in, w, h));
-    if (weights_ == RowWeights::kLocal) set_uniform_precision(*slot.data);
+    const PoissonNorm norm = settings_.poisson.norm;
+    if (settings_.weighted) slot.variance = set_spatial_precision(*slot.data, variance_between_passes(*in, w, h), norm);
     if (last_read_) {
       slot.continues = false;
       if (reader_.temporal() && in->camera == last_read_->camera) {
-        MotionRuns runs(replay_map(*in, w, h), runs_, in->sampled);
+        MotionRuns runs(replay_map(*in, w, h), settings_.runs, in->sampled);
         slot.continues = runs.count() > 0;
         if (slot.continues && !slots_.empty()) {
           slots_.back().data->motion = std::move(runs);
           subtract_passes(last_read_->base, *in, *slots_.back().data);
-          if (weights_ != RowWeights::kUniform) set_temporal_precision(*slots_.back().data, slots_.back().variance);
+          if (settings_.weighted) set_temporal_precision(*slots_.back().data, slots_.back().variance, norm);
         }
       }
     }
@@ -433,8 +404,7 @@ class FrameBuffer {
   }
 
   const Reader& reader_;
-  MotionRunOptions runs_;
-  RowWeights weights_;
+  const Settings& settings_;
   std::deque<Slot> slots_;
   std::unique_ptr<Input> last_read_;
 };
@@ -569,7 +539,12 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
     }
   }
 
-  const Reader reader(input, wanted.front(), options.params.get_string("weights") == "variance");
+  const Reader reader(input, wanted.front());
+  if (!reader.temporal() && options.params.get_string("weights") == "variance") {
+    throw Error(ErrorCode::kBadInput,
+                fmt::format("{} has one pass, and --weights variance compares two: those of temporal_gradient_path",
+                            input.path(wanted.front())));
+  }
   const Settings settings(options.params, reader.temporal());
   const WindowGrid grid{settings.window, settings.window - settings.overlap};
   const FrameRange sequence = options.sequence.value_or(FrameRange{have.front(), have.back()});
@@ -635,7 +610,7 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
     const TemporaryFile probe(out_path(targets.begin()->first));  // what cannot be written is known before the work
   }
 
-  FrameBuffer buffer(reader, settings.runs, settings.weights);
+  FrameBuffer buffer(reader, settings);
   struct Blend {
     PlanarFrames mean;
     double weight = 0;

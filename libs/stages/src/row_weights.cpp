@@ -2,6 +2,7 @@
 #include "row_weights.h"
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <vector>
 
@@ -11,11 +12,8 @@ namespace tempera {
 namespace {
 
 constexpr int kRadius = 2;
-/// Variances count at least this part of the reference: estimates from few samples are often far too small.
-constexpr double kFloor = 0.3;
 
-/// Mean over the valid pixels around each, [h,w]; negative where there are none. The pixel itself is left out: a weight
-/// that depends on the datum which it weights, as variances of few samples do, makes the solution biased.
+/// Mean over the valid pixels around each but itself, [h,w]; negative where there are none.
 template <class Valid>
 std::vector<float> mean_around(int w, int h, const std::vector<float>& values, Valid&& valid) {
   std::vector<float> out(values.size());
@@ -48,15 +46,15 @@ double median(std::vector<float> values) {
   return double(*middle);
 }
 
-/// Precision of variances: 1 at the reference, and where nothing is known.
-void put(PoissonFrame& frame, RowSet set, const std::vector<float>& variance, double reference, double scale) {
+/// Precisions of variances: 1 at the reference, and where nothing is known.
+void put(PoissonFrame& frame, RowSet set, const std::vector<float>& variance, double reference, PoissonNorm norm) {
   const int w = frame.width();
-  std::vector<float> row(static_cast<std::size_t>(w));
+  std::vector<float> row(std::size_t(w), 1.0f);
   for (int y = 0; y < frame.height(); ++y) {
     for (int x = 0; x < w; ++x) {
-      const double v = double(variance[std::size_t(y) * std::size_t(w) + std::size_t(x)]) * scale;
-      const double floor = kFloor * reference;
-      row[std::size_t(x)] = v >= 0 && reference > 0 ? float((reference + floor) / (v + floor)) : 1.0f;
+      const double v = double(variance[std::size_t(y) * std::size_t(w) + std::size_t(x)]);
+      const double precision = v >= 0 && reference > 0 ? 2 * reference / (v + reference) : 1;
+      row[std::size_t(x)] = float(norm == PoissonNorm::kL1 ? std::sqrt(precision) : precision);
     }
     frame.set_precision(set, y, row);
   }
@@ -64,32 +62,24 @@ void put(PoissonFrame& frame, RowSet set, const std::vector<float>& variance, do
 
 }  // namespace
 
-double set_spatial_precision(PoissonFrame& frame, const DataVariance& variance) {
+double set_spatial_precision(PoissonFrame& frame, const DataVariance& variance, PoissonNorm norm) {
   const int w = frame.width(), h = frame.height();
-  const auto smooth = [&](const Image& image, int columns, int rows) {
+  const auto smooth = [&](const Image& image) {
     const std::vector<float> values(image.values().begin(), image.values().end());
-    return mean_around(w, h, values, [=](int x, int y) { return x < columns && y < rows; });
+    return mean_around(w, h, values, [&](int x, int y) { return image.at(x, y) >= 0; });
   };
-  const std::vector<float> dx = smooth(variance.dx, w - 1, h), dy = smooth(variance.dy, w, h - 1);
+  const std::vector<float> dx = smooth(variance.dx), dy = smooth(variance.dy);
   std::vector<float> both = dx;
   both.insert(both.end(), dy.begin(), dy.end());
   std::erase_if(both, [](float v) { return v < 0; });
   const double reference = median(std::move(both));
-  constexpr double kUsualAlpha = PoissonWeights{}.alpha;
-  put(frame, RowSet::kPrimal, smooth(variance.primal, w, h), reference, kUsualAlpha * kUsualAlpha);
-  put(frame, RowSet::kDx, dx, reference, 1);
-  put(frame, RowSet::kDy, dy, reference, 1);
+  put(frame, RowSet::kPrimal, std::vector<float>(dx.size(), -1.0f), reference, norm);
+  put(frame, RowSet::kDx, dx, reference, norm);
+  put(frame, RowSet::kDy, dy, reference, norm);
   return reference;
 }
 
-void set_uniform_precision(PoissonFrame& frame) {
-  const std::vector<float> ones(std::size_t(frame.width()), 1.0f);
-  for (const RowSet set : {RowSet::kPrimal, RowSet::kDx, RowSet::kDy}) {
-    for (int y = 0; y < frame.height(); ++y) frame.set_precision(set, y, ones);
-  }
-}
-
-void set_temporal_precision(PoissonFrame& frame, double reference) {
+void set_temporal_precision(PoissonFrame& frame, double reference, PoissonNorm norm) {
   const int w = frame.width(), h = frame.height();
   const auto index = [w](int x, int y) { return std::size_t(y) * std::size_t(w) + std::size_t(x); };
   const auto mean_square = [&](RowSet set) {
@@ -124,9 +114,9 @@ void set_temporal_precision(PoissonFrame& frame, double reference) {
     }
     reference = median(std::move(both));
   }
-  put(frame, RowSet::kDt, dt, reference, 1);
-  put(frame, RowSet::kDxDt, dxdt, reference, 1);
-  put(frame, RowSet::kDyDt, dydt, reference, 1);
+  put(frame, RowSet::kDt, dt, reference, norm);
+  put(frame, RowSet::kDxDt, dxdt, reference, norm);
+  put(frame, RowSet::kDyDt, dydt, reference, norm);
 }
 
 }  // namespace tempera

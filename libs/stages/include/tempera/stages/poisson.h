@@ -52,6 +52,18 @@ class PlanarFrames {
 using BFloat16 = std::uint16_t;
 inline float to_float(BFloat16 v) { return std::bit_cast<float>(std::uint32_t(v) << 16); }
 
+/// A factor of a weight, with five bits of mantissa: 0, or from 0.00104 to 62. Every row of a window has one, and none
+/// is known better than that.
+struct Precision {
+  static constexpr std::uint32_t kBase = (127 - 10) << 4;  ///< the exponent of the least values, as a float has it
+  std::uint8_t bits = 0;                                   ///< four of the exponent, four of the mantissa
+};
+inline float to_float(Precision v) {
+  return v.bits ? std::bit_cast<float>((std::uint32_t(v.bits) + Precision::kBase) << 19) : 0.0f;
+}
+/// The nearest one; positive values out of the range become its end. Pre: v >= 0, not NaN.
+Precision to_precision(float v);
+
 /// One frame of a window: the data of its rows, and where its pixels are in the next frame.
 class PoissonFrame {
  public:
@@ -65,10 +77,11 @@ class PoissonFrame {
 
   /// Sets the precision of the rows of a set at the pixels of row `y`, from the first one on: their squared weights are
   /// multiplied by it. Statistically it is a reference variance over that of the datum. 1 for all rows until this is
-  /// called; then 0 for those that it was not called for. Pre: all frames of a window have precisions, or none.
+  /// called; then 0 for those that it was not called for. Pre: values >= 0; all frames of a window have precisions, or
+  /// none.
   void set_precision(RowSet set, int y, std::span<const float> values);
   bool has_precision() const { return precision_.rows() > 0; }
-  const BFloat16* precision(RowSet set, int y) const { return precision_.row(std::int64_t(y) * kRowSets + int(set)); }
+  const Precision* precision(RowSet set, int y) const { return precision_.row(std::int64_t(y) * kRowSets + int(set)); }
 
   /// To the next frame. Without runs (as constructed) there are no rows between the frames.
   MotionRuns motion;
@@ -77,7 +90,7 @@ class PoissonFrame {
   std::int64_t index(RowSet set, int y, int c) const { return (std::int64_t(y) * kRowSets + int(set)) * 3 + c; }
   int height_;
   RowBlock<float> data_;
-  RowBlock<BFloat16> precision_;
+  RowBlock<Precision> precision_;
 };
 
 /// Weights of the kinds of rows, inside of the norm: alpha 0.2 makes the primal rows count 0.04 in the normal
