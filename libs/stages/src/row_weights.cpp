@@ -46,6 +46,9 @@ double median(std::vector<float> values) {
   return double(*middle);
 }
 
+/// Of spatial rows. Below it primal rows, which are far noisier where differences are, would count more than those.
+constexpr double kLeastPrecision = 0.04;
+
 /// Precisions of variances: 1 at the reference, and where nothing is known.
 void put(PoissonFrame& frame, RowSet set, const std::vector<float>& variance, double reference, PoissonNorm norm) {
   const int w = frame.width();
@@ -53,7 +56,8 @@ void put(PoissonFrame& frame, RowSet set, const std::vector<float>& variance, do
   for (int y = 0; y < frame.height(); ++y) {
     for (int x = 0; x < w; ++x) {
       const double v = double(variance[std::size_t(y) * std::size_t(w) + std::size_t(x)]);
-      const double precision = v >= 0 && reference > 0 ? 2 * reference / (v + reference) : 1;
+      double precision = v >= 0 && reference > 0 ? 2 * reference / (v + reference) : 1;
+      if (set <= RowSet::kDy) precision = std::max(precision, kLeastPrecision);
       row[std::size_t(x)] = float(norm == PoissonNorm::kL1 ? std::sqrt(precision) : precision);
     }
     frame.set_precision(set, y, row);
