@@ -153,13 +153,13 @@ class Json : public Counting {
   void frame_done(const FrameReport& r) override {
     nlohmann::ordered_json j{{"event", "done"}, {"frame", r.frame}, {"seconds", r.seconds}, {"path", r.path}};
     j.update(totals(r.totals));
-    print_event(std::move(j));
+    print_event(j);
   }
   void finished(const RenderReport& r) override {
     nlohmann::ordered_json j{
         {"event", "end"}, {"frames", r.frames.size()}, {"skipped", r.skipped.size()}, {"seconds", r.seconds}};
     j.update(totals(r.totals));
-    print_event(std::move(j));
+    print_event(j);
   }
 
  private:

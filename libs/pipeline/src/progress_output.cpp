@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "tempera/core/log.h"
 
@@ -36,7 +37,7 @@ void print_openjd_progress(const JobStep& step, double part) {
 }
 
 std::string clock_text(double seconds) {
-  const long s = long(std::clamp(seconds, 0.0, 1e9) + 0.5);
+  const long s = std::lround(std::clamp(seconds, 0.0, 1e9));
   return s >= 3600 ? fmt::format("{}:{:02}:{:02}", s / 3600, s / 60 % 60, s % 60)
                    : fmt::format("{}:{:02}", s / 60, s % 60);
 }

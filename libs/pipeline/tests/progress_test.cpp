@@ -47,6 +47,7 @@ TEST(Progress, JsonIsOneObjectPerLine) {
   std::vector<nlohmann::json> events;
   for (std::string line; std::getline(lines, line) && !line.empty();) events.push_back(nlohmann::json::parse(line));
   std::vector<std::string> kinds;
+  kinds.reserve(events.size());
   for (const auto& e : events) kinds.push_back(e.at("event"));
   EXPECT_EQ(kinds, (std::vector<std::string>{"start", "frame", "done", "frame", "done", "end"}));
   EXPECT_EQ(events[0].at("frames"), (std::vector<int>{1, 2}));

@@ -60,7 +60,7 @@ class RenderSequence : public testing::Test {
     shot_.params = Params(find_integrator(shot_.integrator).params);
     shot_.params.set("adaptive", std::string("published"));
   }
-  RenderReport render(bool resume = false, RenderObserver* observer = nullptr, std::stop_token stop = {}) {
+  RenderReport render(bool resume = false, RenderObserver* observer = nullptr, const std::stop_token& stop = {}) {
     RenderOptions options;
     options.resume = resume;
     options.command = "tempera render shot";

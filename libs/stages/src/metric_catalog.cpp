@@ -264,6 +264,7 @@ std::span<const MetricEntry> metric_entries() { return kEntries; }
 std::span<const MetricInfo> metric_catalog() {
   static const std::vector<MetricInfo> infos = [] {
     std::vector<MetricInfo> out;
+    out.reserve(kEntries.size());
     for (const MetricEntry& e : kEntries) out.push_back(e.info);
     return out;
   }();
