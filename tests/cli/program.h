@@ -48,6 +48,7 @@ class Process {
     out_ = stem + ".out", err_ = stem + ".err";
     arguments.insert(arguments.begin(), TEMPERA_PROGRAM);
     std::vector<char*> argv;
+    argv.reserve(arguments.size() + 1);
     for (std::string& a : arguments) argv.push_back(a.data());
     argv.push_back(nullptr);
     pid_ = fork();

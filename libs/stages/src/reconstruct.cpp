@@ -603,6 +603,7 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
   }
   {
     std::vector<int> frames;
+    frames.reserve(targets.size());
     for (const auto& [f, print] : targets) frames.push_back(f);
     observer.begin(frames, report.skipped);
   }

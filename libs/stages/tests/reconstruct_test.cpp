@@ -127,7 +127,7 @@ class Reconstruct : public testing::Test {
                                               testing::UnitTest::GetInstance()->current_test_info()->name());
     fs::create_directories(folder_);
   }
-  ~Reconstruct() override { fs::remove_all(folder_); }
+  void TearDown() override { fs::remove_all(folder_); }
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
 
   static Frame make(const Sequence& s, int frame, int first) {
@@ -216,7 +216,7 @@ Sequence::Noise replayed_noise(Vec2<int> v, double sigma, std::uint64_t seed = 1
     const int sx = offset ? x - v.x : x, sy = offset ? y - v.y : y, stream = offset ? frame - 1 : frame;
     Rgb n;
     for (int c = 0; c < 3; ++c) {
-      const auto address = [&](int px, int py, int s, int part) {
+      const auto address = [&](std::int64_t px, std::int64_t py, std::int64_t s, int part) {
         return hash_key(std::uint64_t(px + 1000), std::uint64_t(py + 1000), std::uint64_t(s + 1000), std::uint64_t(c),
                         std::uint64_t(part));
       };
@@ -281,7 +281,8 @@ TEST_F(Reconstruct, ExactDataGiveTheExactSequence) {
           const int sx = k == f ? x : x - 2, sy = k == f ? y : y + 1;
           c.set_rgb(
               x, y,
-              c.rgb(x, y) + Rgb(float(0.2 * test::normal(5, std::uint64_t((k * 900 + sx + 40) * 900 + sy + 40)))));
+              c.rgb(x, y) + Rgb(float(0.2 * test::normal(5, (std::uint64_t(k) * 900 + std::uint64_t(sx + 40)) * 900 +
+                                                                std::uint64_t(sy + 40)))));
         }
       }
     }
