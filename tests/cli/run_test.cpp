@@ -266,6 +266,9 @@ TEST_F(CliRun, ErrorsComeBeforeTheWorkAndNameTheirPlace) {
   fails("[video]\npath = \"movie.gif\"\n", "must end in .mp4");
   fails("[video]\nlayer = \"grad.x\"\n", "no layer \"grad.x\"");
   expect_failure(run_to("out", {"--set", "reconstruct.window=0"}), 2, "window");
+  expect_failure(run_to("out", {"--integrator", "gradient_path", "--set", "reconstruct.weights=variance"}), 3,
+                 "compares the two passes");
+  EXPECT_FALSE(fs::exists(path("out")));
   write("file", "x");
   expect_failure(run_to("out", {"--set", "reconstruct.path=" + path("file/f.####.exr")}), 1, path("file"));
 }

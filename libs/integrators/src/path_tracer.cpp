@@ -25,7 +25,7 @@ CameraSample camera_sample(const FrameContext& context, const PixelKey& key, int
   const CameraNumbers u = stream.camera();
   const auto turned = [](float number, int turn) {
     if (turn == 0) return number;
-    const float sum = number + float(turn) / PixelKey::kTurn;
+    const float sum = number + float(turn) / PixelKey::kFullTurn;
     return std::min(sum - std::floor(sum), 0x1.fffffep-1f);
   };
   const auto filter = settings.filter.sample({turned(u.pixel.x, key.turn_x), turned(u.pixel.y, key.turn_y)});

@@ -158,7 +158,7 @@ class TemporalGradientPathIntegrator final : public Integrator {
   /// what is right in their middle, samples further out stray more than without.
   int turn(const PixelFilter& filter, float residue) const {
     if (!subpixel_motion_ || filter.kind() != FilterKind::kBox) return 0;
-    return int(std::lround(residue / (2 * filter.radius()) * PixelKey::kTurn));
+    return int(std::lround(residue / (2 * filter.radius()) * PixelKey::kFullTurn));
   }
 
   GradientOptions options_;

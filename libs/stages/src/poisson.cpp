@@ -677,12 +677,12 @@ PoissonReport solve_poisson(std::span<const PoissonFrame* const> window, const P
     int step = 0;
     report.steps += conjugate_gradients(system, n, x, v, report.residual, [&] { before_step(round, step++); });
   };
-  // Rounds of reweighting take the precisions in; a start without them can be exact.
-  const bool precise = window[0]->has_precision() && !(l1 && rounds > 1 && system.is_separable());
+  const bool precise = window[0]->has_precision();
+  // Without precisions a still window is solved exactly; rounds of reweighting take them in later.
+  report.direct = system.is_separable() && (!precise || (l1 && rounds > 1));
   const bool on_cuda = settings.device == PoissonDevice::kCuda;
-  if (system.is_separable() && !precise) {
+  if (report.direct) {
     solve_separable(system, v.r, x);
-    report.direct = true;
   } else {
     if (settings.direct_start) {
       system.set_linked(false);

@@ -86,6 +86,12 @@ struct Settings {
     runs.strict_mixed = p.get_bool("strict_mixed");
     if (!runs.mixed) poisson.weights.mixed = 0;
     const std::string& rule = p.get_string("weights");
+    if (!temporal && rule == "variance") {
+      throw Error(
+          ErrorCode::kBadInput,
+          "weights = \"variance\" compares the two passes of temporal_gradient_path, and these frames have one; "
+          "auto and uniform take any");
+    }
     weighted = temporal && (rule == "variance" || (rule == "auto" && poisson.norm == PoissonNorm::kL1));
     window = p.get_int("window");
     overlap = p.get_int("overlap");
@@ -540,11 +546,6 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
   }
 
   const Reader reader(input, wanted.front());
-  if (!reader.temporal() && options.params.get_string("weights") == "variance") {
-    throw Error(ErrorCode::kBadInput,
-                fmt::format("{} has one pass, and --weights variance compares two: those of temporal_gradient_path",
-                            input.path(wanted.front())));
-  }
   const Settings settings(options.params, reader.temporal());
   const WindowGrid grid{settings.window, settings.window - settings.overlap};
   const FrameRange sequence = options.sequence.value_or(FrameRange{have.front(), have.back()});

@@ -585,9 +585,9 @@ TEST_F(Reconstruct, BadInputIsNamed) {
                 " has no layer \"grad.x\": reconstruction needs the frames of the integrator "
                 "gradient_path");
   write_frame(path("plain.0000.exr"), make(plain, 0, 0));
-  EXPECT_EQ(
-      error_of(FrameSequence(path("plain.####.exr")), ErrorCode::kBadInput, "weights=variance"),
-      path("plain.0000.exr") + " has one pass, and --weights variance compares two: those of temporal_gradient_path");
+  EXPECT_EQ(error_of(FrameSequence(path("plain.####.exr")), ErrorCode::kBadInput, "weights=variance"),
+            "weights = \"variance\" compares the two passes of temporal_gradient_path, and these frames have one; "
+            "auto and uniform take any");
   ReconstructOptions options;
   StageObserver nobody;
   try {

@@ -79,10 +79,10 @@ struct Tile {
 
 /// Which random numbers a pixel takes: those of a pixel of a stream, usually its own of its frame.
 struct PixelKey {
-  static constexpr int kTurn = 256;
+  static constexpr int kFullTurn = 256;
   std::int64_t stream = 0;
   int x = 0, y = 0;
-  /// Added to the two numbers that place a sample on the film, modulo 1; in units of 1 / kTurn.
+  /// Added to the two numbers that place a sample on the film, modulo 1; in units of 1 / kFullTurn.
   int turn_x = 0, turn_y = 0;
   bool operator==(const PixelKey&) const = default;
 };
