@@ -24,7 +24,6 @@ struct RayScene::Impl {
   EmbreeScene own_top;
   bool top_is_static = false;
   Bounds3f bounds;
-  float smallest_offset = 0;
   float resampling_error = 0;
   std::uint64_t vertex_bytes = 0;
 
@@ -68,6 +67,7 @@ struct RayScene::Impl {
   };
   /// Vertices of a mesh's triangle at time t in the frame that Embree sees (world, or object for instanced ones).
   Triangle triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
+  Triangle blended_triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
   Triangle knot_triangle(const PlacedShape& placed, std::uint32_t primitive, std::int64_t knot) const;
 };
 
@@ -158,19 +158,8 @@ RayScene::Impl::Triangle RayScene::Impl::knot_triangle(const PlacedShape& p, std
   return t;
 }
 
-inline RayScene::Impl::Triangle RayScene::Impl::triangle(const PlacedShape& p, std::uint32_t primitive,
-                                                         double time) const {
-  if (p.placement != Placement::kDeforming) {  // by far the most frequent: vertices as they lie in memory
-    Triangle t;
-    const std::uint32_t* v = &p.mesh->indices[3 * std::size_t(primitive)];
-    const KnotVertices& k = p.knots[0];
-    for (int c = 0; c < 3; ++c) t.p[c] = k.positions[v[c]];
-    t.smooth = k.normals != nullptr;
-    if (t.smooth) {
-      for (int c = 0; c < 3; ++c) t.n[c] = k.normals[v[c]];
-    }
-    return t;
-  }
+RayScene::Impl::Triangle RayScene::Impl::blended_triangle(const PlacedShape& p, std::uint32_t primitive,
+                                                          double time) const {
   const auto [knot, blend] = grid.locate(time);
   Triangle a = knot_triangle(p, primitive, knot);
   if (blend == 0) return a;
@@ -180,6 +169,17 @@ inline RayScene::Impl::Triangle RayScene::Impl::triangle(const PlacedShape& p, s
     if (a.smooth) a.n[c] = normalize(lerp(a.n[c], b.n[c], blend));
   }
   return a;
+}
+
+TEMPERA_INLINE RayScene::Impl::Triangle RayScene::Impl::triangle(const PlacedShape& p, std::uint32_t primitive,
+                                                                 double time) const {
+  if (p.placement == Placement::kDeforming) return blended_triangle(p, primitive, time);
+  const std::uint32_t* v = &p.mesh->indices[3 * std::size_t(primitive)];
+  const KnotVertices& k = p.knots[0];
+  if (!k.normals) return {{k.positions[v[0]], k.positions[v[1]], k.positions[v[2]]}, {}, false};
+  return {{k.positions[v[0]], k.positions[v[1]], k.positions[v[2]]},
+          {k.normals[v[0]], k.normals[v[1]], k.normals[v[2]]},
+          true};
 }
 
 /// Compares the resampled motion with the scene's own midway between knots of the ray span.
@@ -205,7 +205,7 @@ void RayScene::Impl::measure_error(const PlacedShape& shape) {
 
 RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const RaySceneOptions& options,
                    GeometryCache& cache)
-    : impl_(std::make_unique<Impl>()) {
+    : impl_(std::make_unique<Impl>()), scene_(&scene) {
   Impl& s = *impl_;
   s.scene = &scene;
   s.cache = cache.impl_.get();
@@ -317,7 +317,8 @@ RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const
   RTCBounds b;
   rtcGetSceneBounds(s.top, &b);
   if (b.lower_x <= b.upper_x) s.bounds = {{b.lower_x, b.lower_y, b.lower_z}, {b.upper_x, b.upper_y, b.upper_z}};
-  s.smallest_offset = 1e-6f * s.bounds.radius();
+  smallest_offset_ = 1e-6f * s.bounds.radius();
+  has_opacity_ = s.cache->has_opacity;
 }
 
 RayScene::~RayScene() = default;
@@ -330,13 +331,19 @@ bool is_traceable(const Ray& r) {
   constexpr float kLargest = 1e18f;
   const float sum =
       std::abs(r.o.x) + std::abs(r.o.y) + std::abs(r.o.z) + std::abs(r.d.x) + std::abs(r.d.y) + std::abs(r.d.z);
-  return sum <= kLargest && !std::isnan(r.tmin) && !std::isnan(r.tmax);  // false for what is no number
+  return sum <= kLargest && r.tmin <= r.tmax;  // false for what is no number
 }
 
 }  // namespace
 
 std::optional<Hit> RayScene::intersect(const Ray& ray) const {
-  if (!is_traceable(ray)) return std::nullopt;
+  std::optional<Hit> hit(std::in_place);
+  if (!intersect(ray, *hit)) hit.reset();
+  return hit;
+}
+
+bool RayScene::intersect(const Ray& ray, Hit& hit) const {
+  if (!is_traceable(ray)) return false;
   const Impl& s = *impl_;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
@@ -346,8 +353,7 @@ std::optional<Hit> RayScene::intersect(const Ray& ray) const {
   r.hit.geomID = RTC_INVALID_GEOMETRY_ID;
   r.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
   rtcIntersect1(s.top, &context, &r);
-  if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID) return std::nullopt;
-  Hit hit;
+  if (r.hit.geomID == RTC_INVALID_GEOMETRY_ID) return false;
   hit.t = r.ray.tfar;
   hit.point.primitive = r.hit.primID;
   hit.point.u = r.hit.u;
@@ -372,7 +378,7 @@ std::optional<Hit> RayScene::intersect(const Ray& ray) const {
     hit.point.instance = e.instance;
     hit.point.shape = e.shape;
   }
-  return hit;
+  return true;
 }
 
 bool RayScene::occluded(const Ray& ray) const {
@@ -570,12 +576,6 @@ Vec3f RayScene::position(const SurfacePoint& point, double t, Vec3f* ng) const {
   return p;
 }
 
-Vec3f RayScene::offset_origin(const Vec3f& p, const Vec3f& ng, const Vec3f& d) const {
-  const float magnitude = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});
-  const float offset = std::max(3e-5f * magnitude, impl_->smallest_offset);
-  return p + ng * (dot(ng, d) < 0 ? -offset : offset);
-}
-
 SurfaceMotion RayScene::motion(const SurfacePoint& point, double t) const {
   const Impl& s = *impl_;
   const PlacedShape& placed = s.find(point.instance, point.shape);
@@ -639,8 +639,6 @@ Affine3f RayScene::world_from_object(std::uint32_t instance, std::uint32_t shape
   return placed.placement == Placement::kInstanced ? impl_->world(instance, t) : Affine3f{};
 }
 
-bool RayScene::has_opacity() const { return impl_->cache->has_opacity; }
-const Scene& RayScene::scene() const { return *impl_->scene; }
 TimeSpan RayScene::rays() const { return impl_->rays; }
 Bounds3f RayScene::bounds() const { return impl_->bounds; }
 float RayScene::resampling_error() const { return impl_->resampling_error; }

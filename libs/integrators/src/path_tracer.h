@@ -11,6 +11,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <new>
 #include <span>
 
 #include "tempera/integrators/integrator.h"
@@ -76,7 +77,7 @@ inline CameraSample camera_sample(const FrameContext& context, int x, int y, int
 
 /// A point where a path meets a surface. `bsdf` is empty until the path needs it.
 struct Vertex {
-  SurfacePoint point;
+  Hit hit;
   ShadingPoint s;
   const Shape* shape = nullptr;
   Bsdf bsdf;
@@ -124,12 +125,10 @@ inline EdgeEnd follow(const FrameContext& context, const SampleStream& stream, s
                       const CameraSample* camera, Vertex& v, int& passed, float& clear) {
   passed = 0, clear = 1;
   for (; passed < kMaxVertices; ++passed) {
-    const auto hit = context.rays.intersect(ray);
-    if (!hit) return EdgeEnd::kEnvironment;
-    v.point = hit->point;
-    v.s = context.rays.shading_point(hit->point, ray.time, -ray.d);
-    v.shape = &context.rays.shape(hit->point);
-    if (camera && v.material().needs_footprint()) set_footprint(context, *camera, v.point, v.s);
+    if (!context.rays.intersect(ray, v.hit)) return EdgeEnd::kEnvironment;
+    new (&v.s) ShadingPoint(context.rays.shading_point(v.hit.point, ray.time, -ray.d));  // made in place, not copied
+    v.shape = &context.rays.shape(v.hit.point);
+    if (camera && v.material().needs_footprint()) set_footprint(context, *camera, v.hit.point, v.s);
     if (!context.rays.has_opacity() || !v.material().has_opacity()) return EdgeEnd::kSurface;
     const float opacity = v.material().opacity(v.s);
     if (opacity >= 1 || mask_number(stream, index, passed) < opacity) return EdgeEnd::kSurface;
@@ -273,9 +272,9 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     Rgb emitted;
     float light_pdf = 0;
     if (v.shape->emission) {
-      if (!(options.hide_emitters && seen_by_camera)) emitted = lights.emitted(v.point, v.s);
+      if (!(options.hide_emitters && seen_by_camera)) emitted = lights.emitted(v.hit.point, v.s);
       if (mis && (Observer::kActive || !is_black(emitted))) {
-        light_pdf = lights.pdf(v.point, v.s, previous, length(v.s.p - previous));
+        light_pdf = lights.pdf(v.hit.point, v.s, previous, length(v.s.p - previous));
       }
       if (!is_black(emitted)) {
         tally.add(state, beta * emitted * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1);
@@ -289,7 +288,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
       if (features) {
         FirstHit& f = result.first;
         f.valid = true;
-        f.instance = v.point.instance;
+        f.instance = v.hit.point.instance;
         f.normal = dot(v.s.frame.n, v.s.wo) < 0 ? -v.s.frame.n : v.s.frame.n;
         f.position = v.s.p;
         f.uv = v.s.uv;
@@ -306,9 +305,11 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     const bool next_event = v.bsdf.has_non_delta() && !lights.empty();
     if (next_event) {
       const auto light = lights.sample(v.s.p, time, u.light_choice, u.light_point);
-      if (light && (Observer::kActive || !is_black(light->radiance))) {
+      const bool shines = light && !is_black(light->radiance);
+      if (Observer::kActive ? light.has_value() : shines) {
         const BsdfEval f = v.bsdf.eval(v.s.wo, light->wi);
-        const bool carries = !is_black(f.sum()) && !is_black(light->radiance);
+        const Rgb f_sum = f.sum();
+        const bool carries = shines && !is_black(f_sum);
         if (Observer::kActive || carries) {
           ++result.shadow_rays;
           const float visible = visibility(context, v.s, light->wi, light->distance,
@@ -317,7 +318,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
             const float w = light->delta ? 1.0f : power_heuristic(light->pdf, f.pdf);
             const Rgb le = beta * light->radiance * (visible * w / light->pdf);
             if (classes.empty()) {
-              tally.add(state, le * f.sum(), true);
+              tally.add(state, le * f_sum, true);
             } else {
               for_each_state(classifier, state, f.f_cos, [&](LightPathClassifier::State next, const Rgb& share) {
                 tally.add(next, le * share, true);
@@ -331,7 +332,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     }
 
     const auto sample = v.bsdf.sample(v.s.wo, u.lobe, u.direction);
-    if (!sample || !(sample->pdf > 0)) break;
+    if (!sample) break;
     const Rgb total = sample->sum();
     if (is_black(total)) break;
     const float inv_pdf = 1 / sample->pdf;

@@ -23,7 +23,7 @@ void ShiftObserver::start(const Vertex* first, const Rgb& emitted) {
       if (!options_.hide_emitters) offset_emitted = context_.lights.environment(ray.d, ray.time, true);
     } else if (end == EdgeEnd::kSurface) {
       o.beta *= absorption(o.vertex, length(o.vertex.s.p - camera.ray.o));
-      if (!options_.hide_emitters) offset_emitted = o.beta * context_.lights.emitted(o.vertex.point, o.vertex.s);
+      if (!options_.hide_emitters) offset_emitted = o.beta * context_.lights.emitted(o.vertex.hit.point, o.vertex.s);
     }
     // What the camera sees directly is a path of one edge, and every such path shifts to every other.
     o.g += (offset_emitted - beta_ * emitted) * 0.5f;
@@ -184,13 +184,13 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
   float light_pdf = 0;
   Rgb emitted = e.emitted, arriving(1.0f);
   if (e.to) {
-    o.vertex.point = e.to->point;
+    o.vertex.hit = e.to->hit;
     o.vertex.shape = e.to->shape;
     o.vertex.s = e.to->s;
     o.vertex.s.wo = -wi;
     arriving = absorption(o.vertex, distance);
-    emitted = e.to->shape->emission ? context_.lights.emitted(o.vertex.point, o.vertex.s) : Rgb(0.0f);
-    if (lights) light_pdf = context_.lights.pdf(o.vertex.point, o.vertex.s, from, distance);
+    emitted = e.to->shape->emission ? context_.lights.emitted(o.vertex.hit.point, o.vertex.s) : Rgb(0.0f);
+    if (lights) light_pdf = context_.lights.pdf(o.vertex.hit.point, o.vertex.s, from, distance);
   } else if (lights) {
     light_pdf = context_.lights.environment_pdf(wi, camera_.time, from);
   }
@@ -275,7 +275,7 @@ void ShiftObserver::copy_half_vector(const Extension& e, const Rgb& base, Offset
   Rgb emitted;
   if (end == EdgeEnd::kSurface) {
     o.beta *= absorption(next, length(next.s.p - from));
-    if (next.shape->emission) emitted = context_.lights.emitted(next.point, next.s);
+    if (next.shape->emission) emitted = context_.lights.emitted(next.hit.point, next.s);
   } else {
     emitted = context_.lights.environment(wi, camera_.time);
   }

@@ -137,9 +137,9 @@ class Pair {
       ShiftObserver by_bsdf = before;
       Vertex end;
       if (p.light.point) {
-        end.point = *p.light.point;
-        end.s = c.rays.shading_point(end.point, 0, -p.light.wi);
-        end.shape = &c.rays.shape(end.point);
+        end.hit.point = *p.light.point;
+        end.s = c.rays.shading_point(end.hit.point, 0, -p.light.wi);
+        end.shape = &c.rays.shape(end.hit.point);
       }
       extend(by_bsdf, p.vertices.size() - 1, s, q, p.light.point ? &end : nullptr, p.light.radiance, p.light.pdf);
       sum = sum + gain(by_bsdf) * (double(s.pdf) * double(q));

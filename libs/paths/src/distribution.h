@@ -28,8 +28,12 @@ class Discrete {
   }
   /// Index for u in [0,1); `u` becomes the position within that entry, again in [0,1).
   std::uint32_t sample(float& u) const {
-    const auto it = std::upper_bound(cdf_.begin(), cdf_.end() - 1, u);
-    const auto i = std::uint32_t(it - cdf_.begin());
+    std::uint32_t i = 0;  // the first entry above u, by halves, without branches that cannot be foreseen
+    for (auto n = std::uint32_t(cdf_.size()); n > 1;) {
+      const std::uint32_t half = n / 2;
+      i += cdf_[i + half - 1] <= u ? half : 0;
+      n -= half;
+    }
     const float lo = i > 0 ? cdf_[i - 1] : 0.0f, width = cdf_[i] - lo;
     u = width > 0 ? std::min((u - lo) / width, 0x1.fffffep-1f) : 0.0f;
     return i;

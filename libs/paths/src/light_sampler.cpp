@@ -16,6 +16,13 @@ struct FixedTriangle {
   Vec3f p, e1, e2, ng;
 };
 
+/// World transform of a node, evaluated once if it never moves.
+struct Place {
+  int node = -1;
+  bool fixed = false;
+  Affine3f world;
+};
+
 /// An emitting shape at one place.
 struct AreaLight {
   std::uint32_t instance = 0, shape = 0;
@@ -33,8 +40,7 @@ struct EnvironmentMap {
   const Environment* environment = nullptr;
   Discrete rows;
   std::vector<Discrete> columns;
-  Affine3f world_from_local;  // when fixed
-  bool fixed = true;
+  Place place;
 };
 
 }  // namespace
@@ -48,9 +54,16 @@ struct LightSampler::Impl {
   LightChoice choice;                                           // areas, then punctual lights, then environments
   double reference_time = 0;
 
-  Affine3f environment_frame(const EnvironmentMap& e, double t) const {
-    return e.fixed ? e.world_from_local : Affine3f(scene->world(e.environment->node, t));
+  std::vector<Place> punctual_places;
+  Place place(int node) const {
+    Place p{node, true, Affine3f(scene->world(node, reference_time))};
+    for (int n = node; n >= 0; n = scene->nodes[std::size_t(n)].parent) {
+      p.fixed &= scene->nodes[std::size_t(n)].local.is_constant();
+    }
+    return p;
   }
+  Affine3f world(const Place& p, double t) const { return p.fixed ? p.world : Affine3f(scene->world(p.node, t)); }
+
   static Vec2f to_uv(const Vec3f& local) {
     float u = std::atan2(local.x, -local.z) * (0.5f * kInvPi);
     if (u < 0) u += 1;
@@ -71,11 +84,11 @@ struct LightSampler::Impl {
   Rgb radiance(const EnvironmentMap& e, const Vec3f& d, double t) const {
     const Rgb factor = e.environment->radiance.at(t);
     if (e.environment->image.empty()) return factor;
-    return factor * texture(*e.environment, to_uv(environment_frame(e, t).transposed_vector(d)));
+    return factor * texture(*e.environment, to_uv(world(e.place, t).transposed_vector(d)));
   }
   float pdf(const EnvironmentMap& e, const Vec3f& d, double t) const {
     if (e.environment->image.empty()) return 0.25f * kInvPi;
-    const Vec3f local = environment_frame(e, t).transposed_vector(d);
+    const Vec3f local = world(e.place, t).transposed_vector(d);
     const Vec2f uv = to_uv(local);
     const int w = e.environment->width, h = e.environment->height;
     const auto row = std::uint32_t(std::clamp(int(uv.y * float(h)), 0, h - 1));
@@ -95,7 +108,7 @@ struct LightSampler::Impl {
     const float theta = kPi * (float(row) + u.y) / float(e.environment->height);
     const float s = std::sin(theta);
     const Vec3f local{s * std::sin(phi), std::cos(theta), -s * std::cos(phi)};
-    return normalize(environment_frame(e, t).vector(local));
+    return normalize(world(e.place, t).vector(local));
   }
   std::size_t first_environment() const { return areas.size() + scene->lights.size(); }
 
@@ -116,12 +129,13 @@ struct LightSampler::Impl {
   }
 
   float pdf_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& ng, double t) const;
-  std::optional<LightSample> sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u) const;
-  std::optional<LightSample> from_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& p,
-                                       double t) const;
-  std::optional<LightSample> from_environment(const Vec3f& d, const Vec3f& p, double t) const;
+  // These fill a fresh sample; false: there is no direction to the light. Densities lack the choice of the light,
+  // except for environments, which are one light.
+  bool sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u, LightSample& r) const;
+  bool from_area(const AreaLight& light, const Vec3f& p, double t, LightSample& r) const;
+  bool from_environment(const Vec3f& d, const Vec3f& p, double t, LightSample& r) const;
+  bool from_punctual(std::size_t index, const Vec3f& p, double t, LightSample& r) const;
   std::optional<float> cap_pdf(const AreaLight& light, const Vec3f& q, const Vec3f& p, double t) const;
-  std::optional<LightSample> sample_punctual(const PunctualLight& light, const Vec3f& p, double t) const;
   float area_of(const AreaLight& light, double t) const;
   LightReach reach_of(const AreaLight& light, float radiance) const;
 };
@@ -170,10 +184,7 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
   for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
     const Instance& instance = scene.instances[i];
     if (!scene.visible(instance.node, s.reference_time)) continue;
-    bool moving = false;
-    for (int n = instance.node; n >= 0; n = scene.nodes[std::size_t(n)].parent) {
-      moving |= !scene.nodes[std::size_t(n)].local.is_constant();
-    }
+    const bool moving = !s.place(instance.node).fixed;
     for (const int shape_index : scene.groups[std::size_t(instance.group)]) {
       const Shape& shape = scene.shapes[std::size_t(shape_index)];
       if (!shape.emission) continue;
@@ -224,6 +235,7 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
   }
   const float radius = std::max(rays.bounds().radius(), 1e-6f);
   for (const PunctualLight& light : scene.lights) {
+    s.punctual_places.push_back(s.place(light.node));
     const float intensity =
         luminance(light.intensity.at(s.reference_time)) * light.intensity_scale.at(s.reference_time);
     const float cone = 2 * kPi * (1 - std::cos(light.cutoff_angle.at(s.reference_time)));
@@ -232,7 +244,7 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
     if (shown && light.type == LightType::kDirectional) reach.constant = intensity;
     if (shown && light.type != LightType::kDirectional) {
       reach.near = intensity;
-      reach.center = Vec3f(scene.world(light.node, s.reference_time).translation);
+      reach.center = s.punctual_places.back().world.translation;
       reach.radius = 1e-3f * radius;
     }
     reaches.push_back(reach);
@@ -244,10 +256,7 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
   for (const Environment& environment : scene.environments) {
     EnvironmentMap e;
     e.environment = &environment;
-    e.world_from_local = Affine3f(scene.world(environment.node, s.reference_time));
-    for (int n = environment.node; n >= 0; n = scene.nodes[std::size_t(n)].parent) {
-      e.fixed &= scene.nodes[std::size_t(n)].local.is_constant();
-    }
+    e.place = s.place(environment.node);
     double mean_luminance = 1;
     if (!environment.image.empty()) {
       const int w = environment.width, h = environment.height;
@@ -292,7 +301,7 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
   if (total > 0) {
     for (float& p : powers) p = p > 0 ? float(0.5 * p / total + 0.5 / double(usable)) : 0;
   }
-  s.choice = LightChoice(std::move(reaches), powers);
+  s.choice = LightChoice(reaches, powers);
 }
 
 float LightSampler::Impl::pdf_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& ng, double t) const {
@@ -309,20 +318,16 @@ float LightSampler::Impl::pdf_area(const AreaLight& light, const SurfacePoint& p
   return 1 / (unit_area * stretch);
 }
 
-std::optional<LightSample> LightSampler::Impl::sample_area(const AreaLight& light, const Vec3f& p, double t, float u1,
-                                                           Vec2f u) const {
-  SurfacePoint point{light.instance, light.shape, 0, 0, 0};
+inline bool LightSampler::Impl::sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u,
+                                            LightSample& r) const {
+  SurfacePoint& point = r.point.emplace();
+  point.instance = light.instance;
+  point.shape = light.shape;
   if (light.mesh) {
     point.primitive = light.triangles.sample(u1);
     // Uniform barycentrics without the square root's distortion [Heitz 2019, A Low-Distortion Map].
-    if (u.y > u.x) {
-      u.x *= 0.5f;
-      u.y -= u.x;
-    } else {
-      u.y *= 0.5f;
-      u.x -= u.y;
-    }
-    point.u = u.x, point.v = u.y;
+    const float half = 0.5f * std::min(u.x, u.y);
+    point.u = u.x - half, point.v = u.y - half;
   } else if (const auto sphere = round_sphere(light, t)) {
     const Vec3f to_center = sphere->center - p;
     const float d2 = length_squared(to_center), r2 = sqr(sphere->radius);
@@ -350,7 +355,7 @@ std::optional<LightSample> LightSampler::Impl::sample_area(const AreaLight& ligh
     if (light.analytic == 1) point.v = std::acos(1 - 2 * u.y) * kInvPi;
     if (light.analytic == 2) point.u = std::sqrt(u.x);
   }
-  return from_area(light, point, p, t);
+  return from_area(light, p, t, r);
 }
 
 /// Density of directions from p over the part of a round sphere that p sees, which is sampled by solid angle: 0 for
@@ -367,9 +372,9 @@ std::optional<float> LightSampler::Impl::cap_pdf(const AreaLight& light, const V
   return 1 / (2 * kPi * one_minus_cos);
 }
 
-/// Light from a point of an area light; the density lacks the choice of the light.
-std::optional<LightSample> LightSampler::Impl::from_area(const AreaLight& light, const SurfacePoint& point,
-                                                         const Vec3f& p, double t) const {
+/// Light from the point of an area light that `r` holds.
+inline bool LightSampler::Impl::from_area(const AreaLight& light, const Vec3f& p, double t, LightSample& r) const {
+  const SurfacePoint& point = *r.point;
   Vec3f q, ng;
   if (light.fixed.empty()) {
     q = rays->position(point, t, &ng);
@@ -378,68 +383,69 @@ std::optional<LightSample> LightSampler::Impl::from_area(const AreaLight& light,
     q = f.p + f.e1 * point.u + f.e2 * point.v;
     ng = f.ng;
   }
-  LightSample r;
   const Vec3f to_light = q - p;
   const float d2 = length_squared(to_light);
-  if (!(d2 > 0)) return std::nullopt;
+  if (!(d2 > 0)) return false;
   r.distance = std::sqrt(d2);
   r.wi = to_light * (1 / r.distance);
-  r.point = point;
   const float cosine = -dot(ng, r.wi);
-  if (cosine == 0) return std::nullopt;
-  const auto cap = cap_pdf(light, q, p, t);
-  r.pdf = cap ? *cap : pdf_area(light, point, ng, t) * d2 / std::abs(cosine);
-  if (!light.emission->two_sided && cosine < 0) return r;
+  if (cosine == 0) return false;
+  if (light.fixed_pdf_area > 0) {
+    r.pdf = light.fixed_pdf_area * d2 / std::abs(cosine);
+  } else {
+    const auto cap = cap_pdf(light, q, p, t);
+    r.pdf = cap ? *cap : pdf_area(light, point, ng, t) * d2 / std::abs(cosine);
+  }
+  if (cosine < 0 && !light.emission->two_sided) return true;
   const Slot& slot = light.emission->radiance;
   r.radiance = slot.is_constant() ? slot.factor.values()[0] : slot.rgb(rays->shading_point(point, t, -r.wi));
-  return r;
+  return true;
 }
 
-std::optional<LightSample> LightSampler::Impl::from_environment(const Vec3f& d, const Vec3f& p, double t) const {
-  LightSample r;
+bool LightSampler::Impl::from_environment(const Vec3f& d, const Vec3f& p, double t, LightSample& r) const {
   r.wi = d;
   r.distance = kInfinity;
   for (std::size_t i = 0; i < environments.size(); ++i) {
     r.radiance += radiance(environments[i], d, t);
     r.pdf += choice.probability(p, std::uint32_t(first_environment() + i)) * pdf(environments[i], d, t);
   }
-  return r.pdf > 0 ? std::optional(r) : std::nullopt;
+  return r.pdf > 0;
 }
 
-std::optional<LightSample> LightSampler::Impl::sample_punctual(const PunctualLight& light, const Vec3f& p,
-                                                               double t) const {
-  const Affine3f world = Affine3f(scene->world(light.node, t));
+bool LightSampler::Impl::from_punctual(std::size_t index, const Vec3f& p, double t, LightSample& r) const {
+  const PunctualLight& light = scene->lights[index];
+  const Affine3f world = this->world(punctual_places[index], t);
   const Vec3f axis = normalize(world.z);
   const Rgb intensity = light.intensity.at(t) * light.intensity_scale.at(t);
-  LightSample r;
   r.delta = true;
   if (light.type == LightType::kDirectional) {
     r.wi = -axis;
     r.distance = kInfinity;
     r.radiance = intensity;
-    return r;
+    return true;
   }
   const Vec3f to_light = world.translation - p;
   const float d2 = length_squared(to_light);
-  if (!(d2 > 0)) return std::nullopt;
+  if (!(d2 > 0)) return false;
   r.distance = std::sqrt(d2);
   r.wi = to_light * (1 / r.distance);
-  r.radiance = intensity * (1 / d2);
-  if (light.type == LightType::kPoint) return r;
+  if (light.type == LightType::kPoint) {
+    r.radiance = intensity * (1 / d2);
+    return true;
+  }
   // Direction from the light in its own frame; rotation only, a light has no size.
   const Vec3f local{-dot(r.wi, normalize(world.x)), -dot(r.wi, normalize(world.y)), -dot(r.wi, axis)};
-  const LightSample dark{.wi = r.wi, .distance = r.distance, .delta = true};
-  if (local.z <= 0) return dark;
+  if (local.z <= 0) return true;  // dark
   ShadingPoint s;
   s.time = t;
   if (light.type == LightType::kProjector) {
     const float tan_x = std::tan(0.5f * light.projector_fov), tan_y = tan_x / light.projector_aspect;
     s.uv = {0.5f - 0.5f * local.x / (local.z * tan_x), 0.5f - 0.5f * local.y / (local.z * tan_y)};
-    if (!(s.uv.x >= 0 && s.uv.x <= 1 && s.uv.y >= 0 && s.uv.y <= 1)) return dark;
+    if (!(s.uv.x >= 0 && s.uv.x <= 1 && s.uv.y >= 0 && s.uv.y <= 1)) return true;
     const float depth = local.z * r.distance;
     r.radiance = intensity * (1 / (depth * depth * local.z));
     if (light.texture) r.radiance *= light.texture->rgb(s);
-    return r;
+    return true;
   }
   const float cutoff = light.cutoff_angle.at(t), beam = std::min(light.beam_width.at(t), cutoff);
   float falloff = 1;
@@ -449,49 +455,57 @@ std::optional<LightSample> LightSampler::Impl::sample_punctual(const PunctualLig
   } else if (local.z < std::cos(beam)) {
     falloff = std::clamp((cutoff - std::acos(local.z)) / std::max(1e-6f, cutoff - beam), 0.0f, 1.0f);
   }
-  if (falloff <= 0) return dark;
-  r.radiance *= falloff;
+  if (falloff <= 0) return true;
+  r.radiance = intensity * (falloff / d2);
   if (light.texture) {
     const float k = 0.5f / (local.z * std::tan(cutoff));
     s.uv = {0.5f + k * local.x, 0.5f + k * local.y};
     r.radiance *= light.texture->rgb(s);
   }
-  return r;
+  return true;
 }
 
 std::optional<LightSample> LightSampler::sample(const Vec3f& p, double t, float u_choice, const Vec2f& u) const {
   const Impl& s = *impl_;
-  if (s.choice.empty()) return std::nullopt;
+  std::optional<LightSample> result;
+  if (s.choice.empty()) return result;
   const auto [light, probability] = s.choice.sample(p, u_choice);
-  if (!(probability > 0)) return std::nullopt;
-  std::optional<LightSample> r;
-  if (light >= s.first_environment()) {
-    r = s.from_environment(s.sample_direction(s.environments[light - s.first_environment()], t, u), p, t);
-  } else if (light >= s.areas.size()) {
-    r = s.sample_punctual(s.scene->lights[light - s.areas.size()], p, t);
-    if (r) r->pdf = probability;
+  if (!(probability > 0)) return result;
+  LightSample& r = result.emplace();
+  r.light = light;
+  bool found;
+  if (light < s.areas.size()) {
+    found = s.sample_area(s.areas[light], p, t, u_choice, u, r);
+    r.pdf *= probability;
+  } else if (light < s.first_environment()) {
+    found = s.from_punctual(light - s.areas.size(), p, t, r);
+    r.pdf = probability;
   } else {
-    r = s.sample_area(s.areas[light], p, t, u_choice, u);
-    if (r) r->pdf *= probability;
+    const EnvironmentMap& environment = s.environments[light - s.first_environment()];
+    found = s.from_environment(s.sample_direction(environment, t, u), p, t, r);
   }
-  if (r) r->light = light;
-  return r;
+  if (!found) result.reset();
+  return result;
 }
 
 std::optional<LightSample> LightSampler::connect(const LightSample& sample, const Vec3f& p, double t) const {
   const Impl& s = *impl_;
-  std::optional<LightSample> r;
-  if (sample.light >= s.first_environment()) {
-    r = s.from_environment(sample.wi, p, t);
-  } else if (sample.light >= s.areas.size()) {
-    r = s.sample_punctual(s.scene->lights[sample.light - s.areas.size()], p, t);
-    if (r) r->pdf = s.choice.probability(p, sample.light);
+  std::optional<LightSample> result;
+  LightSample& r = result.emplace();
+  r.light = sample.light;
+  bool found;
+  if (sample.light < s.areas.size()) {
+    r.point = sample.point;
+    found = s.from_area(s.areas[sample.light], p, t, r);
+    r.pdf *= s.choice.probability(p, sample.light);
+  } else if (sample.light < s.first_environment()) {
+    found = s.from_punctual(sample.light - s.areas.size(), p, t, r);
+    r.pdf = s.choice.probability(p, sample.light);
   } else {
-    r = s.from_area(s.areas[sample.light], *sample.point, p, t);
-    if (r) r->pdf *= s.choice.probability(p, sample.light);
+    found = s.from_environment(sample.wi, p, t, r);
   }
-  if (r) r->light = sample.light;
-  return r;
+  if (!found) result.reset();
+  return result;
 }
 
 Rgb LightSampler::emitted(const SurfacePoint& point, const ShadingPoint& s) const {
@@ -529,8 +543,8 @@ float LightSampler::environment_pdf(const Vec3f& d, double t, const Vec3f& from)
 
 Vec3f LightSampler::environment_motion(const Vec3f& d, double from, double to) const {
   for (const EnvironmentMap& e : impl_->environments) {
-    if (e.fixed) continue;
-    return normalize(impl_->environment_frame(e, to).vector(impl_->environment_frame(e, from).transposed_vector(d)));
+    if (e.place.fixed) continue;
+    return normalize(impl_->world(e.place, to).vector(impl_->world(e.place, from).transposed_vector(d)));
   }
   return d;
 }

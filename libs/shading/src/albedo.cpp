@@ -13,30 +13,14 @@ namespace tempera {
 namespace {
 
 constexpr int kSize = 32;
-// Cosines are spaced by squares (albedos change fastest at grazing angles), roughness by the square root of alpha.
 float cosine_at(int i) { return std::max(sqr(float(i) / (kSize - 1)), 1e-4f); }
 float alpha_at(int i) { return std::max(sqr(float(i) / (kSize - 1)), 1e-3f); }
 
-template <class T>
-using Table = std::array<std::array<T, kSize>, kSize>;  // [alpha][cosine]
-
-template <class T>
-T lookup(const Table<T>& table, float cosine, float alpha, T (*mix)(const T&, const T&, float)) {
-  const float x = std::sqrt(std::clamp(std::abs(cosine), 0.0f, 1.0f)) * (kSize - 1);
-  const float y = std::sqrt(std::clamp(alpha, 0.0f, 1.0f)) * (kSize - 1);
-  const int i = std::min(int(x), kSize - 2), j = std::min(int(y), kSize - 2);
-  const auto row = [&](int r) {
-    const auto& t = table[std::size_t(r)];
-    return mix(t[std::size_t(i)], t[std::size_t(i) + 1], x - float(i));
-  };
-  return mix(row(j), row(j + 1), y - float(j));
-}
-
 Vec3f direction(float cosine) { return {std::sqrt(std::max(1 - cosine * cosine, 0.0f)), 0, cosine}; }
 
-std::unique_ptr<const Table<GgxAlbedo>> make_ggx_table() {
+std::unique_ptr<const AlbedoTable<GgxAlbedo>> make_ggx_table() {
   constexpr int kSamples = 512;
-  auto table = std::make_unique<Table<GgxAlbedo>>();
+  auto table = std::make_unique<AlbedoTable<GgxAlbedo>>();
   for (int j = 0; j < kSize; ++j)
     for (int i = 0; i < kSize; ++i) {
       const Vec3f wo = direction(cosine_at(i));
@@ -55,9 +39,9 @@ std::unique_ptr<const Table<GgxAlbedo>> make_ggx_table() {
   return table;
 }
 
-std::unique_ptr<const Table<float>> make_sheen_table() {
+std::unique_ptr<const AlbedoTable<float>> make_sheen_table() {
   constexpr int kCosines = 32, kAngles = 24;
-  auto table = std::make_unique<Table<float>>();
+  auto table = std::make_unique<AlbedoTable<float>>();
   for (int j = 0; j < kSize; ++j)
     for (int i = 0; i < kSize; ++i) {
       SheenLobe lobe;
@@ -79,16 +63,16 @@ std::unique_ptr<const Table<float>> make_sheen_table() {
 
 }  // namespace
 
-GgxAlbedo ggx_albedo(float cosine, float alpha) {
+const AlbedoTable<GgxAlbedo>& ggx_albedo_table() {
   static const auto table = make_ggx_table();
-  return lookup<GgxAlbedo>(*table, cosine, alpha, [](const GgxAlbedo& a, const GgxAlbedo& b, float s) {
-    return GgxAlbedo{a.scale + s * (b.scale - a.scale), a.bias + s * (b.bias - a.bias)};
-  });
+  return *table;
 }
 
 float sheen_albedo(float cosine, float alpha) {
   static const auto table = make_sheen_table();
-  return lookup<float>(*table, cosine, alpha, [](const float& a, const float& b, float s) { return a + s * (b - a); });
+  const AlbedoPlace at(cosine, alpha);
+  const auto row = [&](std::size_t j) { return lerp((*table)[j][at.i], (*table)[j][at.i + 1], at.x); };
+  return lerp(row(at.j), row(at.j + 1), at.y);
 }
 
 }  // namespace tempera

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Directional albedos of rough lobes, tabulated on first use.
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstring>
 
 #include "tempera/core/vec.h"
 
@@ -19,7 +22,37 @@ struct GgxAlbedo {
   float scale, bias;
   float of(float f0, float f90) const { return f0 * scale + f90 * bias; }
 };
-/// For cosine in [0,1] (absolute value is taken) and alpha in [0,1]; bilinear in a 32 x 32 table, error below 1e-2.
-GgxAlbedo ggx_albedo(float cosine, float alpha);
+
+/// Function of cosine and alpha at 32 x 32 points, [alpha][cosine]. Cosines are spaced by squares (albedos change
+/// fastest at grazing angles), roughness by the square root of alpha.
+template <class T>
+using AlbedoTable = std::array<std::array<T, 32>, 32>;
+
+/// Where a table is read: cosine (the absolute value is taken) and alpha, both in [0,1].
+struct AlbedoPlace {
+  std::size_t i, j;  ///< columns i and i + 1, rows j and j + 1
+  float x, y;        ///< position between them
+  AlbedoPlace(float cosine, float alpha) {
+    constexpr int kLast = 31;
+    x = std::sqrt(std::min(std::abs(cosine), 1.0f)) * kLast;
+    y = std::sqrt(std::clamp(alpha, 0.0f, 1.0f)) * kLast;
+    const int column = std::min(int(x), kLast - 1), row = std::min(int(y), kLast - 1);
+    i = std::size_t(column), j = std::size_t(row);
+    x -= float(column), y -= float(row);
+  }
+};
+
+const AlbedoTable<GgxAlbedo>& ggx_albedo_table();
+/// Bilinear in the table, error below 1e-2.
+inline GgxAlbedo ggx_albedo(float cosine, float alpha) {
+  using Floats = float __attribute__((vector_size(16)));  // scale and bias of two neighbouring cosines
+  const AlbedoTable<GgxAlbedo>& table = ggx_albedo_table();
+  const AlbedoPlace at(cosine, alpha);
+  Floats a, b;
+  std::memcpy(&a, &table[at.j][at.i], sizeof a);
+  std::memcpy(&b, &table[at.j + 1][at.i], sizeof b);
+  a += (b - a) * at.y;
+  return {a[0] + at.x * (a[2] - a[0]), a[1] + at.x * (a[3] - a[1])};
+}
 
 }  // namespace tempera

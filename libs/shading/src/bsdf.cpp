@@ -114,7 +114,7 @@ int Bsdf::add_frame(const Basis& frame) {
     const Frame& f = frames_[i];
     if (f.parent < 0 && f.basis.n == frame.n && f.basis.s == frame.s) return i;
   }
-  return frames_.push({frame, 0, 1, -1});
+  return frames_.push_made([&] { return Frame{frame, 0, 1, -1}; });
 }
 
 int Bsdf::add_perturbed_frame(const Basis& frame, int parent) {
@@ -176,8 +176,8 @@ float Bsdf::layer_factor(int layer, const Vec3f& wo, const Vec3f& wi) const {
 
 /// Adds one non-delta lobe; wo and wi are given in the world and in the lobe's frame.
 template <class L>
-void Bsdf::accumulate(const L& lobe, const Entry& entry, const Vec3f& wo, const Vec3f& wi, const Vec3f& local_wo,
-                      const Vec3f& local_wi, BsdfEval& out) const {
+TEMPERA_INLINE void Bsdf::accumulate(const L& lobe, const Entry& entry, const Vec3f& wo, const Vec3f& wi,
+                                     const Vec3f& local_wo, const Vec3f& local_wi, BsdfEval& out) const {
   const LobeEval e = lobe.eval(local_wo, local_wi);
   if (!(e.pdf > 0)) return;
   float weight = entry.weight;
@@ -213,7 +213,8 @@ BsdfEval Bsdf::eval(const Vec3f& wo, const Vec3f& wi) const {
 }
 
 std::optional<BsdfSample> Bsdf::sample(const Vec3f& wo, float u_lobe, const Vec2f& u) const {
-  if (lobes_.size() == 0) return std::nullopt;
+  std::optional<BsdfSample> result;
+  if (lobes_.size() == 0) return result;
   // Choose a lobe; what is left of u_lobe is uniform again.
   float rest = u_lobe * total_probability_;
   int chosen = 0;
@@ -223,10 +224,9 @@ std::optional<BsdfSample> Bsdf::sample(const Vec3f& wo, float u_lobe, const Vec2
 
   const Frame& frame = frames_[entry.frame];
   const Vec3f o = frame.basis.to_local(wo);
-  BsdfSample out;
+  BsdfSample& out = result.emplace();
   out.lobe = chosen;
-  BsdfEval sum;
-  bool valid = false, delta = false;
+  bool delta = false;
   visit_lobe(entry.lobe, [&](const auto& lobe) {
     using L = std::decay_t<decltype(lobe)>;
     if constexpr (L::kDelta) {
@@ -240,17 +240,18 @@ std::optional<BsdfSample> Bsdf::sample(const Vec3f& wo, float u_lobe, const Vec2
       out.event = event_of(out.roughness, out.transmitted);
       if constexpr (requires { L::kRefracts; })
         if (out.transmitted) out.eta = o.z > 0 ? lobe.fresnel.eta : 1 / lobe.fresnel.eta;
-      accumulate(lobe, entry, wo, out.wi, o, local, sum);
-      valid = true;
+      accumulate(lobe, entry, wo, out.wi, o, local, out);
+      if (lobes_.size() > 1) accumulate_all(wo, out.wi, chosen, out);
     }
   });
-  if (delta) return sample_delta(chosen, wo);
-  if (!valid) return std::nullopt;
-  if (lobes_.size() > 1) accumulate_all(wo, out.wi, chosen, sum);
-  if (!(sum.pdf > 0) || !std::isfinite(sum.pdf)) return std::nullopt;
-  out.f_cos = sum.f_cos;
-  out.pdf = sum.pdf / total_probability_;
-  return out;
+  if (delta) {
+    result = sample_delta(chosen, wo);
+    return result;
+  }
+  const bool valid = out.pdf > 0 && out.pdf < kInfinity;
+  out.pdf /= total_probability_;
+  if (!valid) result.reset();
+  return result;
 }
 
 std::optional<BsdfSample> Bsdf::sample_delta(int i, const Vec3f& wo) const {

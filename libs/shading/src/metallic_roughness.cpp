@@ -30,6 +30,7 @@ class MetallicRoughness final : public Material {
   }
 
   void add_lobes(const ShadingPoint& point, float weight, Bsdf& bsdf) const override {
+    if (!(weight > 0)) return;
     const float transmission = transmits_ ? std::clamp(p_.transmission.scalar(point), 0.0f, 1.0f) : 0;
     const bool volume = transmission > 0 && eta_ != 1;
     int frame = frame_of(point, bsdf);
@@ -96,28 +97,21 @@ class MetallicRoughness final : public Material {
     return !slot.texture && slot.factor.is_constant() && is_black(slot.factor.at(0));
   }
 
-  /// Lobes with their expected shares of the light, which become probabilities once all are known.
+  /// Adds lobes with their expected shares of the light, which become probabilities once all are known.
   struct Parts {
-    Parts(Bsdf& target, float w) : bsdf(target), weight(w) {}
+    Parts(Bsdf& target, float w) : bsdf(target), weight(w), first(target.size()) {}
     Bsdf& bsdf;
     float weight;
+    int first;
     float below = 1;  ///< share of light that gets below the layers added so far
-    struct Part {
-      int frame;
-      Lobe lobe;
-      float share;
-      int layer;
-    };
-    detail::FixedStack<Part, 5> parts;
-    void add(int frame, const Lobe& lobe, float share, int layer) {
-      parts.push({frame, lobe, std::max(share, 1e-3f), layer});
+    float sum = 0;    ///< of the shares
+    template <class L>
+    void add(int frame, const L& lobe, float share, int layer) {
+      share = std::max(share, 1e-3f);
+      sum += share;
+      bsdf.add(frame, lobe, share, weight, layer);
     }
-    void finish() {
-      float sum = 0;
-      for (int i = 0; i < parts.size(); ++i) sum += parts[i].share;
-      for (int i = 0; i < parts.size(); ++i)
-        bsdf.add(parts[i].frame, parts[i].lobe, weight * parts[i].share / sum, weight, parts[i].layer);
-    }
+    void finish() { bsdf.scale_probabilities(first, weight / sum); }
   };
 
   int add_coat(const ShadingPoint& point, int frame, int above, Parts& parts) const {

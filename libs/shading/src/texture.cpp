@@ -81,17 +81,15 @@ float reduce(float u, Wrap wrap) {
       return std::clamp(u, -2.0f, 3.0f);
   }
 }
-/// Texel index for any int; -1 where the image is black.
+/// Index among n texels of one that lies at most one texel outside of where `reduce` brings coordinates; -1 where the
+/// image is black.
 int wrap_index(int i, int n, Wrap wrap) {
   switch (wrap) {
     case Wrap::kRepeat:
-      i %= n;
-      return i < 0 ? i + n : i;
-    case Wrap::kMirror: {
-      i %= 2 * n;
-      if (i < 0) i += 2 * n;
+      return i < 0 ? i + n : i >= n ? i - n : i;
+    case Wrap::kMirror:
+      i = i < 0 ? i + 2 * n : i >= 2 * n ? i - 2 * n : i;
       return i < n ? i : 2 * n - 1 - i;
-    }
     case Wrap::kClamp:
       return std::clamp(i, 0, n - 1);
     case Wrap::kBlack:

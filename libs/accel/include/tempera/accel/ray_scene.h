@@ -7,6 +7,8 @@
 // (slerp) and upper-triangular scale. Hits, normals, light samples and motion vectors all use that same resampled
 // motion, and two RaySceneS over different spans of one shot agree exactly, because the grid does not depend on the
 // span.
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -88,6 +90,8 @@ class RayScene {
   /// Rays that are not finite, or reach beyond 1e18, hit nothing: what is computed from them is not finite either, and
   /// is counted where it is added up.
   std::optional<Hit> intersect(const Ray& ray) const;
+  /// The same into `hit`, which stays as it is if the ray hits nothing. Returns whether it does.
+  bool intersect(const Ray& ray, Hit& hit) const;
   /// Whether anything lies within (tmin, tmax). Surfaces with opacity below 1 count as opaque here.
   bool occluded(const Ray& ray) const;
 
@@ -102,22 +106,30 @@ class RayScene {
   /// World transform of an instance's shapes (identity where it is baked into the vertices) at time t.
   Affine3f world_from_object(std::uint32_t instance, std::uint32_t shape, double t) const;
 
-  const Shape& shape(const SurfacePoint& point) const { return scene().shapes[point.shape]; }
+  const Shape& shape(const SurfacePoint& point) const { return scene_->shapes[point.shape]; }
   /// Whether any material in the scene lets light pass straight through.
-  bool has_opacity() const;
-  const Scene& scene() const;
+  bool has_opacity() const { return has_opacity_; }
+  const Scene& scene() const { return *scene_; }
   TimeSpan rays() const;
   Bounds3f bounds() const;
   /// Largest distance between the resampled motion and the scene's own, measured midway between knots (metres).
   float resampling_error() const;
   /// Origin for a ray that leaves the surface at `p` towards `d`: moved off the surface by its numerical uncertainty.
-  Vec3f offset_origin(const Vec3f& p, const Vec3f& ng, const Vec3f& d) const;
+  Vec3f offset_origin(const Vec3f& p, const Vec3f& ng, const Vec3f& d) const {
+    const float magnitude = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});
+    const float offset = std::max(3e-5f * magnitude, smallest_offset_);
+    return p + ng * std::copysign(offset, dot(ng, d));
+  }
   /// Bytes held by Embree and by vertex buffers of this RayScene and its cache.
   std::uint64_t memory() const;
 
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
+  // What is asked at every hit.
+  const Scene* scene_;
+  float smallest_offset_ = 0;
+  bool has_opacity_ = false;
 };
 
 }  // namespace tempera

@@ -34,19 +34,16 @@ struct BsdfEval {
   Rgb sum() const { return f_cos[0] + f_cos[1] + f_cos[2]; }
 };
 
-struct BsdfSample {
+/// A sampled direction with its value. Non-delta: of all non-delta lobes in direction wi. Delta: f_cos is the lobe's
+/// coefficient in its event, pdf the probability of choosing this lobe.
+struct BsdfSample : BsdfEval {
   Vec3f wi;
-  /// Split by event. Non-delta: f |cos| of all non-delta lobes in direction wi. Delta: the lobe's coefficient in its
-  /// event.
-  std::array<Rgb, kEventCount> f_cos{};
-  float pdf = 0;  ///< solid angle density of the mixture; for delta lobes the probability of choosing this lobe
   bool delta = false;
   bool transmitted = false;       ///< wi and wo are on opposite sides
   Event event = Event::kDiffuse;  ///< of the sampled lobe
   float eta = 1;  ///< relative index of refraction (side of wi over side of wo) crossed by this event; 1 for reflection
   float roughness = 1;  ///< alpha of the sampled lobe; 0 for delta, 1 for diffuse
   int lobe = 0;         ///< index of the sampled lobe
-  Rgb sum() const { return f_cos[0] + f_cos[1] + f_cos[2]; }
 };
 
 /// A partly reflecting layer (coat, sheen) above lobes: it scales them by min(1 - A(wo), 1 - A(wi)), where A is the
@@ -70,12 +67,18 @@ class FixedStack {
  public:
   int size() const { return size_; }
   const T& operator[](int i) const { return std::launder(reinterpret_cast<const T*>(storage_))[i]; }
+  T& operator[](int i) { return std::launder(reinterpret_cast<T*>(storage_))[i]; }
   void clear() { size_ = 0; }
   /// Appends and returns the index. More than N is an assertion failure; without assertions the value is dropped and
   /// the last index returned.
   int push(const T& value) {
+    return push_made([&]() -> const T& { return value; });
+  }
+  /// The same for what make() returns, made in place.
+  template <class Make>
+  int push_made(Make&& make) {
     TEMPERA_ASSERT(size_ < N);
-    if (size_ < N) new (storage_ + std::size_t(size_++) * sizeof(T)) T(value);
+    if (size_ < N) new (storage_ + std::size_t(size_++) * sizeof(T)) T(make());
     return size_ - 1;
   }
 
@@ -120,9 +123,20 @@ class Bsdf {
   template <class L>
   void add(int frame, const L& lobe, float probability, float weight = 1, int layer = -1) {
     if (!(probability > 0)) return;
-    lobes_.push({lobe, probability, weight, std::uint8_t(frame), std::int8_t(layer)});
+    lobes_.push_made([&] {
+      return Entry{Lobe(std::in_place_type<L>, lobe), probability, weight, std::uint8_t(frame), std::int8_t(layer)};
+    });
     total_probability_ += probability;
-    visit_lobe(lobes_[lobes_.size() - 1].lobe, [this](const auto& l) { has_non_delta_ |= !l.kDelta; });
+    has_non_delta_ |= !L::kDelta;
+  }
+  /// Multiplies the probabilities of lobe `first` and those after it, for materials that know them only when all their
+  /// lobes are there.
+  void scale_probabilities(int first, float factor) {
+    total_probability_ = 0;
+    for (int i = 0; i < lobes_.size(); ++i) {
+      if (i >= first) lobes_[i].probability *= factor;
+      total_probability_ += lobes_[i].probability;
+    }
   }
 
   /// Sum over the non-delta lobes. Zero (pdf 0) where none scatters. Values are for the given wo; the probabilities of

@@ -14,11 +14,15 @@ enum class Microfacets : std::uint8_t { kGgx, kBeckmann };
 /// Point of the unit disk for u in [0,1)^2: concentric map, area preserving and continuous [Shirley 1997].
 inline Vec2f square_to_disk(const Vec2f& u) {
   const float a = 2 * u.x - 1, b = 2 * u.y - 1;
-  if (a == 0 && b == 0) return {0, 0};
   const bool first = std::abs(a) > std::abs(b);
-  const float r = first ? a : b;
-  const float phi = first ? (kPi / 4) * (b / a) : kPi / 2 - (kPi / 4) * (a / b);
-  return {r * std::cos(phi), r * std::sin(phi)};
+  const float r = first ? a : b, other = first ? b : a;
+  // The angle to the nearest axis, at most pi/4 either way, where short polynomials [Moshier, Cephes] are as exact as
+  // the library's functions.
+  const float phi = r != 0 ? (kPi / 4) * (other / r) : 0, x = phi * phi;
+  const float sine = phi + phi * x * (-1.6666654611e-1f + x * (8.3321608736e-3f + x * -1.9515295891e-4f));
+  const float cosine =
+      1 - 0.5f * x + x * x * (4.166664568298827e-2f + x * (-1.388731625493765e-3f + x * 2.443315711809948e-5f));
+  return first ? Vec2f{r * cosine, r * sine} : Vec2f{r * sine, r * cosine};
 }
 /// Cosine-distributed direction of the upper hemisphere; density cos / pi.
 inline Vec3f square_to_cosine_hemisphere(const Vec2f& u) {
