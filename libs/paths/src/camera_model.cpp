@@ -100,7 +100,10 @@ CameraModel::Pose CameraModel::compose(const Knot& k) const {
   m.z = m.z * unit;
   if (perspective_) m.x = m.x * unit, m.y = m.y * unit;
   m.translation = k.translation;
-  return {m, normalize(m.x), normalize(m.y), k.half_width, k.half_height, k.aperture, k.focus};
+  const bool pinhole = !(k.aperture > 0);
+  return {
+      m,      pinhole ? m.x : normalize(m.x), pinhole ? m.y : normalize(m.y), k.half_width, k.half_height, k.aperture,
+      k.focus};
 }
 
 CameraModel::Pose CameraModel::interpolate(double t) const {

@@ -64,10 +64,19 @@ struct LightSampler::Impl {
   }
   Affine3f world(const Place& p, double t) const { return p.fixed ? p.world : Affine3f(scene->world(p.node, t)); }
 
-  static Vec2f to_uv(const Vec3f& local) {
-    float u = std::atan2(local.x, -local.z) * (0.5f * kInvPi);
-    if (u < 0) u += 1;
-    return {u, std::acos(std::clamp(local.y, -1.0f, 1.0f)) * kInvPi};
+  /// A direction, and where it points in the picture of one environment.
+  struct MapPoint {
+    Vec3f d;
+    Vec2f uv;
+    float sin_theta = 0;
+  };
+  MapPoint map_point(const EnvironmentMap& e, const Vec3f& d, double t) const {
+    if (e.environment->image.empty()) return {d, {}, 0};
+    const Vec3f local = world(e.place, t).transposed_vector(d);
+    const float u = std::atan2(local.x, -local.z) * (0.5f * kInvPi);
+    return {d,
+            {u < 0 ? u + 1 : u, std::acos(std::clamp(local.y, -1.0f, 1.0f)) * kInvPi},
+            std::sqrt(std::max(0.0f, 1 - local.y * local.y))};
   }
   static Rgb texture(const Environment& e, const Vec2f& uv) {
     const float x = uv.x * float(e.width) - 0.5f,
@@ -81,34 +90,30 @@ struct LightSampler::Impl {
     return (at(x0, y0) * (1 - fx) + at(x0 + 1, y0) * fx) * (1 - fy) +
            (at(x0, y1) * (1 - fx) + at(x0 + 1, y1) * fx) * fy;
   }
-  Rgb radiance(const EnvironmentMap& e, const Vec3f& d, double t) const {
+  Rgb radiance(const EnvironmentMap& e, const MapPoint& at, double t) const {
     const Rgb factor = e.environment->radiance.at(t);
-    if (e.environment->image.empty()) return factor;
-    return factor * texture(*e.environment, to_uv(world(e.place, t).transposed_vector(d)));
+    return e.environment->image.empty() ? factor : factor * texture(*e.environment, at.uv);
   }
-  float pdf(const EnvironmentMap& e, const Vec3f& d, double t) const {
+  float pdf(const EnvironmentMap& e, const MapPoint& at) const {
     if (e.environment->image.empty()) return 0.25f * kInvPi;
-    const Vec3f local = world(e.place, t).transposed_vector(d);
-    const Vec2f uv = to_uv(local);
+    if (at.sin_theta <= 0) return 0;
     const int w = e.environment->width, h = e.environment->height;
-    const auto row = std::uint32_t(std::clamp(int(uv.y * float(h)), 0, h - 1));
-    const auto column = std::uint32_t(std::clamp(int(uv.x * float(w)), 0, w - 1));
-    const float sin_theta = std::sqrt(std::max(0.0f, 1 - local.y * local.y));
-    if (sin_theta <= 0) return 0;
+    const auto row = std::uint32_t(std::clamp(int(at.uv.y * float(h)), 0, h - 1));
+    const auto column = std::uint32_t(std::clamp(int(at.uv.x * float(w)), 0, w - 1));
     return e.rows.probability(row) * e.columns[row].probability(column) * float(w) * float(h) /
-           (2 * kPi * kPi * sin_theta);
+           (2 * kPi * kPi * at.sin_theta);
   }
-  Vec3f sample_direction(const EnvironmentMap& e, double t, Vec2f u) const {
+  MapPoint sample_direction(const EnvironmentMap& e, double t, Vec2f u) const {
     if (e.environment->image.empty()) {
       const float z = 1 - 2 * u.x, r = std::sqrt(std::max(0.0f, 1 - z * z)), phi = 2 * kPi * u.y;
-      return {r * std::cos(phi), r * std::sin(phi), z};
+      return {{r * std::cos(phi), r * std::sin(phi), z}, {}, 0};
     }
     const std::uint32_t row = e.rows.sample(u.y), column = e.columns[row].sample(u.x);
-    const float phi = 2 * kPi * (float(column) + u.x) / float(e.environment->width);
-    const float theta = kPi * (float(row) + u.y) / float(e.environment->height);
-    const float s = std::sin(theta);
+    const Vec2f uv{(float(column) + u.x) / float(e.environment->width),
+                   (float(row) + u.y) / float(e.environment->height)};
+    const float phi = 2 * kPi * uv.x, theta = kPi * uv.y, s = std::sin(theta);
     const Vec3f local{s * std::sin(phi), std::cos(theta), -s * std::cos(phi)};
-    return normalize(world(e.place, t).vector(local));
+    return {normalize(world(e.place, t).vector(local)), uv, s};
   }
   std::size_t first_environment() const { return areas.size() + scene->lights.size(); }
 
@@ -133,7 +138,7 @@ struct LightSampler::Impl {
   // except for environments, which are one light.
   bool sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u, LightSample& r) const;
   bool from_area(const AreaLight& light, const Vec3f& p, double t, LightSample& r) const;
-  bool from_environment(const Vec3f& d, const Vec3f& p, double t, LightSample& r) const;
+  bool from_environment(std::size_t index, const MapPoint& at, const Vec3f& p, double t, LightSample& r) const;
   bool from_punctual(std::size_t index, const Vec3f& p, double t, LightSample& r) const;
   std::optional<float> cap_pdf(const AreaLight& light, const Vec3f& q, const Vec3f& p, double t) const;
   float area_of(const AreaLight& light, double t) const;
@@ -402,12 +407,16 @@ inline bool LightSampler::Impl::from_area(const AreaLight& light, const Vec3f& p
   return true;
 }
 
-bool LightSampler::Impl::from_environment(const Vec3f& d, const Vec3f& p, double t, LightSample& r) const {
-  r.wi = d;
+/// Light from the direction of a point in the picture of environment `index`; the others shine from there, too.
+bool LightSampler::Impl::from_environment(std::size_t index, const MapPoint& at, const Vec3f& p, double t,
+                                          LightSample& r) const {
+  r.wi = at.d;
   r.distance = kInfinity;
   for (std::size_t i = 0; i < environments.size(); ++i) {
-    r.radiance += radiance(environments[i], d, t);
-    r.pdf += choice.probability(p, std::uint32_t(first_environment() + i)) * pdf(environments[i], d, t);
+    const EnvironmentMap& e = environments[i];
+    const MapPoint here = i == index ? at : map_point(e, at.d, t);
+    r.radiance += radiance(e, here, t);
+    r.pdf += choice.probability(p, std::uint32_t(first_environment() + i)) * pdf(e, here);
   }
   return r.pdf > 0;
 }
@@ -481,8 +490,8 @@ std::optional<LightSample> LightSampler::sample(const Vec3f& p, double t, float 
     found = s.from_punctual(light - s.areas.size(), p, t, r);
     r.pdf = probability;
   } else {
-    const EnvironmentMap& environment = s.environments[light - s.first_environment()];
-    found = s.from_environment(s.sample_direction(environment, t, u), p, t, r);
+    const std::size_t i = light - s.first_environment();
+    found = s.from_environment(i, s.sample_direction(s.environments[i], t, u), p, t, r);
   }
   if (!found) result.reset();
   return result;
@@ -502,7 +511,8 @@ std::optional<LightSample> LightSampler::connect(const LightSample& sample, cons
     found = s.from_punctual(sample.light - s.areas.size(), p, t, r);
     r.pdf = s.choice.probability(p, sample.light);
   } else {
-    found = s.from_environment(sample.wi, p, t, r);
+    const std::size_t i = sample.light - s.first_environment();
+    found = s.from_environment(i, s.map_point(s.environments[i], sample.wi, t), p, t, r);
   }
   if (!found) result.reset();
   return result;
@@ -527,7 +537,7 @@ float LightSampler::pdf(const SurfacePoint& point, const ShadingPoint& s, const 
 Rgb LightSampler::environment(const Vec3f& d, double t, bool from_camera) const {
   Rgb sum;
   for (const EnvironmentMap& e : impl_->environments) {
-    if (!from_camera || e.environment->camera_visible) sum += impl_->radiance(e, d, t);
+    if (!from_camera || e.environment->camera_visible) sum += impl_->radiance(e, impl_->map_point(e, d, t), t);
   }
   return sum;
 }
@@ -535,8 +545,9 @@ Rgb LightSampler::environment(const Vec3f& d, double t, bool from_camera) const 
 float LightSampler::environment_pdf(const Vec3f& d, double t, const Vec3f& from) const {
   float sum = 0;
   for (std::size_t i = 0; i < impl_->environments.size(); ++i) {
+    const EnvironmentMap& e = impl_->environments[i];
     sum += impl_->choice.probability(from, std::uint32_t(impl_->first_environment() + i)) *
-           impl_->pdf(impl_->environments[i], d, t);
+           impl_->pdf(e, impl_->map_point(e, d, t));
   }
   return sum;
 }

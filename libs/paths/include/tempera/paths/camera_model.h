@@ -55,7 +55,7 @@ class CameraModel {
   /// What rays are made from.
   struct Pose {
     Affine3d world_from_camera;  ///< its z is a unit vector
-    Vec3d lens_x, lens_y;        ///< unit
+    Vec3d lens_x, lens_y;        ///< unit, if there is an aperture
     double half_width = 1, half_height = 1, aperture = 0, focus = 1;
   };
   Knot sample(const Scene& scene, const Camera& camera, double t) const;
