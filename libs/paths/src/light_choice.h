@@ -27,6 +27,7 @@ class LightChoice {
   /// `powers` chooses among many lights, where asking each one at every point would cost too much.
   LightChoice(std::span<const LightReach> lights, std::span<const float> powers)
       : count_(lights.size()), by_power_(powers) {
+    if (count_ == 1) lone_probability_ = lights[0].constant > 0 || lights[0].near > 0 ? 1.0f : 0.0f;
     if (count_ > kMaxAsked) return;
     eights_.resize((count_ + 7) / 8);
     for (std::size_t i = 0; i < count_; ++i) {
@@ -46,6 +47,7 @@ class LightChoice {
   };
   /// Probability 0 if no light is on. `u` in [0,1); afterwards the position within the light's share, again in [0,1).
   Pick sample(const Vec3f& p, float& u) const {
+    if (count_ == 1) return {0, lone_probability_};
     if (count_ > kMaxAsked) {
       const std::uint32_t i = by_power_.sample(u);
       return {i, by_power_.probability(i)};
@@ -53,7 +55,6 @@ class LightChoice {
     Weights weights;
     const float sum = weigh(p, weights);
     if (!(sum > 0)) return {};
-    if (count_ == 1) return {0, 1};
     float rest = u * sum;
     std::uint32_t i = 0;
     while (i + 1 < count_ && rest >= weights[i]) rest -= weights[i++];
@@ -62,6 +63,7 @@ class LightChoice {
     return {i, weights[i] / sum};
   }
   float probability(const Vec3f& p, std::uint32_t light) const {
+    if (count_ == 1) return lone_probability_;
     if (count_ > kMaxAsked) return by_power_.probability(light);
     Weights weights;
     const float sum = weigh(p, weights);
@@ -104,6 +106,7 @@ class LightChoice {
   }
 
   std::size_t count_ = 0;
+  float lone_probability_ = 0;  // of the only light
   std::vector<Eight> eights_;
   Discrete by_power_;
 };

@@ -34,8 +34,8 @@ struct AlbedoPlace {
   float x, y;        ///< position between them
   AlbedoPlace(float cosine, float alpha) {
     constexpr int kLast = 31;
-    x = std::sqrt(std::min(std::abs(cosine), 1.0f)) * kLast;
-    y = std::sqrt(std::clamp(alpha, 0.0f, 1.0f)) * kLast;
+    x = std::sqrt(std::min(1.0f, std::abs(cosine))) * kLast;  // 1 for what is no number
+    y = std::sqrt(std::max(0.0f, std::min(1.0f, alpha))) * kLast;
     const int column = std::min(int(x), kLast - 1), row = std::min(int(y), kLast - 1);
     i = std::size_t(column), j = std::size_t(row);
     x -= float(column), y -= float(row);
