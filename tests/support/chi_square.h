@@ -51,6 +51,7 @@ inline ChiSquareResult chi_square(const std::function<std::optional<Vec3f>(int)>
                                   const std::function<float(const Vec3f&)>& density, int count, int nodes = 10,
                                   double factor_error = 0) {
   constexpr int kCos = 24, kPhi = 40;
+  const auto cell = [](int a, int b) { return std::size_t(a) * kPhi + std::size_t(b); };
   std::vector<double> expected(kCos * kPhi + 1), observed(kCos * kPhi + 1);
   for (int i = 0; i < count; ++i) {
     const auto w = sample(i);
@@ -61,7 +62,7 @@ inline ChiSquareResult chi_square(const std::function<std::optional<Vec3f>(int)>
     const int a = std::clamp(int((w->z + 1) / 2 * kCos), 0, kCos - 1);
     double phi = std::atan2(w->y, w->x);
     if (phi < 0) phi += 2 * kPiD;
-    ++observed[std::size_t(a * kPhi + std::clamp(int(phi / (2 * kPiD) * kPhi), 0, kPhi - 1))];
+    ++observed[cell(a, std::clamp(int(phi / (2 * kPiD) * kPhi), 0, kPhi - 1))];
   }
   std::vector<double> x(static_cast<std::size_t>(nodes)), weight(x.size());
   for (int i = 0; i < nodes; ++i) {  // Gauss-Legendre on [0,1]
@@ -87,7 +88,7 @@ inline ChiSquareResult chi_square(const std::function<std::optional<Vec3f>(int)>
         }
       sum *= 4 * kPiD / (kCos * kPhi);
       total += sum;
-      expected[std::size_t(a * kPhi + b)] = sum * count;
+      expected[cell(a, b)] = sum * count;
     }
   if (factor_error > 0) {
     const double factor = std::clamp((count - observed.back()) / (total * count), 1 - factor_error, 1 + factor_error);

@@ -105,7 +105,7 @@ class Gltf : public testing::Test {
   void TearDown() override { fs::remove_all(dir_); }
 
   fs::path write(const std::string& name, const std::string& bytes) const {
-    const fs::path file = dir_ / name;
+    fs::path file = dir_ / name;
     std::ofstream(file, std::ios::binary) << bytes;
     return file;
   }

@@ -107,7 +107,7 @@ TEST(SunSky, ImageHoldsTheSunsPower) {
       for (int y = 0; y < kHeight; ++y) {
         const double row = 2 * kPiD / kWidth * (std::cos(kPiD * y / kHeight) - std::cos(kPiD * (y + 1) / kHeight));
         for (int x = 0; x < kWidth; ++x) {
-          const Rgb& c = image[std::size_t(y * kWidth + x)];
+          const Rgb& c = image[std::size_t(y) * kWidth + std::size_t(x)];
           sum += Vec3d{c.r, c.g, c.b} * row;
           const double phi = 2 * kPiD * (x + 0.5) / kWidth, theta = kPiD * (y + 0.5) / kHeight;
           centre +=
@@ -161,8 +161,8 @@ TEST(SunSky, EmittersPlaceTheSun) {
     std::size_t best = 0;
     for (std::size_t i = 0; i < e.image.size(); ++i)
       if (e.image[i].g > e.image[best].g) best = i;
-    const double u = (double(best % std::size_t(e.width)) + 0.5) / e.width * 2 * kPiD,
-                 v = (double(best / std::size_t(e.width)) + 0.5) / e.height * kPiD;
+    const std::size_t row = best / std::size_t(e.width), column = best % std::size_t(e.width);
+    const double u = (double(column) + 0.5) / e.width * 2 * kPiD, v = (double(row) + 0.5) / e.height * kPiD;
     return s.world(e.node, 0).vector({std::sin(v) * std::sin(u), std::cos(v), -std::sin(v) * std::cos(u)});
   };
   const Vec3d d = normalize(Vec3d{0.3, 0.5, 0.4});

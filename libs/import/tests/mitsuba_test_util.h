@@ -35,7 +35,7 @@ class Folder {
     return path_ / name;
   }
   /// Imports a scene with this inside its root element, which stands on line 1.
-  Scene load(const std::string& inner, ImportOptions options = {}, const char* version = "3.0.0") {
+  Scene load(const std::string& inner, const ImportOptions& options = {}, const char* version = "3.0.0") {
     return import_mitsuba(write("scene.xml", fmt::format("<scene version=\"{}\">{}</scene>", version, inner)), options,
                           warnings);
   }

@@ -7,10 +7,10 @@ namespace tempera {
 
 void ShiftObserver::start(const Vertex* first, const Rgb& emitted) {
   if (first) beta_ = absorption(*first, length(first->s.p - camera_.ray.o));
+  CameraSample camera = camera_;
   for (std::size_t j = 0; j < 4; ++j) {
     OffsetPath& o = offsets_[j];
     if (o.state == OffsetPath::kOutside) continue;
-    CameraSample camera = camera_;
     camera.film = camera_.film + kNeighbours[j];
     camera.ray = context_.camera.ray(camera.film, camera.lens, camera.time);
     Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, camera.time};
@@ -23,7 +23,9 @@ void ShiftObserver::start(const Vertex* first, const Rgb& emitted) {
       if (!options_.hide_emitters) offset_emitted = context_.lights.environment(ray.d, ray.time, true);
     } else if (end == EdgeEnd::kSurface) {
       o.beta *= absorption(o.vertex, length(o.vertex.s.p - camera.ray.o));
-      if (!options_.hide_emitters) offset_emitted = o.beta * context_.lights.emitted(o.vertex.hit.point, o.vertex.s);
+      if (o.vertex.shape->emission && !options_.hide_emitters) {
+        offset_emitted = o.beta * context_.lights.emitted(o.vertex.hit.point, o.vertex.s);
+      }
     }
     // What the camera sees directly is a path of one edge, and every such path shifts to every other.
     o.g += (offset_emitted - beta_ * emitted) * 0.5f;
@@ -79,8 +81,11 @@ void ShiftObserver::next_event(const Vertex& at, const LightSample& light, const
         if (!there) break;
         const BsdfEval f_offset = o.vertex.bsdf.eval(s.wo, there->wi);
         const Rgb value = f_offset.sum();
-        ++rays_;
-        const float v = visibility(context_, s, there->wi, there->distance);
+        float v = 0;  // never asked for where nothing is carried
+        if (!is_black(value)) {
+          ++rays_;
+          v = visibility(context_, s, there->wi, there->distance);
+        }
         float jacobian = 1;
         if (light.point) jacobian = reconnection_jacobian(at.s.p, s.p, light_position, light_normal);
         offset = o.beta * value * there->radiance * (jacobian * v / light.pdf);
