@@ -56,11 +56,7 @@ struct LightSampler::Impl {
 
   std::vector<Place> punctual_places;
   Place place(int node) const {
-    Place p{node, true, Affine3f(scene->world(node, reference_time))};
-    for (int n = node; n >= 0; n = scene->nodes[std::size_t(n)].parent) {
-      p.fixed &= scene->nodes[std::size_t(n)].local.is_constant();
-    }
-    return p;
+    return {node, !scene->moves(node, {-kInfinity, kInfinity}), Affine3f(scene->world(node, reference_time))};
   }
   Affine3f world(const Place& p, double t) const { return p.fixed ? p.world : Affine3f(scene->world(p.node, t)); }
 

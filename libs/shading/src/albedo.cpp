@@ -12,17 +12,16 @@
 namespace tempera {
 namespace {
 
-constexpr int kSize = 32;
-float cosine_at(int i) { return std::max(sqr(float(i) / (kSize - 1)), 1e-4f); }
-float alpha_at(int i) { return std::max(sqr(float(i) / (kSize - 1)), 1e-3f); }
+float cosine_at(int i) { return std::max(sqr(float(i) / (kAlbedoSize - 1)), 1e-4f); }
+float alpha_at(int i) { return std::max(sqr(float(i) / (kAlbedoSize - 1)), 1e-3f); }
 
 Vec3f direction(float cosine) { return {std::sqrt(std::max(1 - cosine * cosine, 0.0f)), 0, cosine}; }
 
 std::unique_ptr<const AlbedoTable<GgxAlbedo>> make_ggx_table() {
   constexpr int kSamples = 512;
   auto table = std::make_unique<AlbedoTable<GgxAlbedo>>();
-  for (int j = 0; j < kSize; ++j)
-    for (int i = 0; i < kSize; ++i) {
+  for (int j = 0; j < kAlbedoSize; ++j)
+    for (int i = 0; i < kAlbedoSize; ++i) {
       const Vec3f wo = direction(cosine_at(i));
       const Microfacet f(Microfacets::kGgx, alpha_at(j), alpha_at(j));
       double scale = 0, bias = 0;
@@ -42,8 +41,8 @@ std::unique_ptr<const AlbedoTable<GgxAlbedo>> make_ggx_table() {
 std::unique_ptr<const AlbedoTable<float>> make_sheen_table() {
   constexpr int kCosines = 32, kAngles = 24;
   auto table = std::make_unique<AlbedoTable<float>>();
-  for (int j = 0; j < kSize; ++j)
-    for (int i = 0; i < kSize; ++i) {
+  for (int j = 0; j < kAlbedoSize; ++j)
+    for (int i = 0; i < kAlbedoSize; ++i) {
       SheenLobe lobe;
       lobe.color = Rgb(1.0f);
       lobe.alpha = alpha_at(j);

@@ -23,17 +23,17 @@ struct GgxAlbedo {
   float of(float f0, float f90) const { return f0 * scale + f90 * bias; }
 };
 
-/// Function of cosine and alpha at 32 x 32 points, [alpha][cosine]. Cosines are spaced by squares (albedos change
-/// fastest at grazing angles), roughness by the square root of alpha.
+/// Function of cosine and alpha, [alpha][cosine]. Both are spaced by squares: albedos change fastest at grazing angles.
+inline constexpr int kAlbedoSize = 32;
 template <class T>
-using AlbedoTable = std::array<std::array<T, 32>, 32>;
+using AlbedoTable = std::array<std::array<T, kAlbedoSize>, kAlbedoSize>;
 
 /// Where a table is read: cosine (the absolute value is taken) and alpha, both in [0,1].
 struct AlbedoPlace {
   std::size_t i, j;  ///< columns i and i + 1, rows j and j + 1
   float x, y;        ///< position between them
   AlbedoPlace(float cosine, float alpha) {
-    constexpr int kLast = 31;
+    constexpr int kLast = kAlbedoSize - 1;
     x = std::sqrt(std::min(1.0f, std::abs(cosine))) * kLast;  // 1 for what is no number
     y = std::sqrt(std::max(0.0f, std::min(1.0f, alpha))) * kLast;
     const int column = std::min(int(x), kLast - 1), row = std::min(int(y), kLast - 1);
@@ -42,6 +42,7 @@ struct AlbedoPlace {
   }
 };
 
+/// Made on first use. Threads: safe.
 const AlbedoTable<GgxAlbedo>& ggx_albedo_table();
 /// Bilinear in the table, error below 1e-2.
 inline GgxAlbedo ggx_albedo(float cosine, float alpha) {

@@ -16,8 +16,8 @@ inline Vec2f square_to_disk(const Vec2f& u) {
   const float a = 2 * u.x - 1, b = 2 * u.y - 1;
   const bool first = std::abs(a) > std::abs(b);
   const float r = first ? a : b, other = first ? b : a;
-  // The angle to the nearest axis, at most pi/4 either way, where short polynomials [Moshier, Cephes] are as exact as
-  // the library's functions.
+  // The angle to the nearest axis is at most pi/4 either way, where short polynomials (the minimax coefficients of
+  // Cephes' sinf and cosf) are as exact as the library's functions.
   const float phi = r != 0 ? (kPi / 4) * (other / r) : 0, x = phi * phi;
   const float sine = phi + phi * x * (-1.6666654611e-1f + x * (8.3321608736e-3f + x * -1.9515295891e-4f));
   const float cosine =
