@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "tempera/accel/motion_error.h"
 #include "tempera/core/random.h"
 #include "tempera/scene/scene.h"
 
@@ -253,13 +254,14 @@ TEST(RayScene, ResamplingErrorFallsWithTheStep) {
     const auto* mesh = std::get_if<Mesh>(&scene.shapes[std::size_t(i.group)].geometry);
     return mesh && (!mesh->cache.empty() || !mesh->morph_targets.empty());
   });
-  float previous = kInfinity;
+  double previous = kInfinity;
   for (const double step : {1.0 / 4, 1.0 / 8, 1.0 / 16}) {
-    GeometryCache cache;
-    const RayScene rays(scene, {0, 1}, {0, 1}, {.motion_step = step}, cache);
-    EXPECT_GT(rays.resampling_error(), 0);
-    EXPECT_LT(rays.resampling_error(), previous * 0.5f);
-    previous = rays.resampling_error();
+    const auto metres = [](const Vec3f& a, const Vec3f& b, double) { return double(length(a - b)); };
+    const TimeSpan span{0, 1};
+    const double error = motion_errors(scene, {&span, 1}, step, metres)[0];
+    EXPECT_GT(error, 0);
+    EXPECT_LT(error, previous * 0.5);
+    previous = error;
   }
 }
 

@@ -20,7 +20,7 @@ constexpr double kMaxKnots = 1e6;
 }  // namespace
 
 CameraModel::CameraModel(const Scene& scene, int index, int width, int height, TimeSpan span, double motion_step)
-    : size_(width, height), step_(motion_step) {
+    : size_(width, height) {
   TEMPERA_ASSERT(index >= 0 && index < int(scene.cameras.size()) && width > 0 && height > 0 && motion_step > 0);
   const Camera& camera = scene.cameras[std::size_t(index)];
   perspective_ = camera.projection == Projection::kPerspective;
@@ -33,28 +33,42 @@ CameraModel::CameraModel(const Scene& scene, int index, int width, int height, T
   if (!std::isfinite(offset_.x) || !std::isfinite(offset_.y)) {
     fail(scene, camera, ErrorCode::kOutOfRange, "has a principal offset that is not finite");
   }
-  // The grid of RayScene: a time that is meant to be a knot is that knot.
-  const double first = std::floor(span.begin / step_ + 1e-9), last = std::ceil(span.end / step_ - 1e-9);
-  if (!(last - first < kMaxKnots) || !(std::abs(first) < 1e15)) {
+  if (!(span.length() / motion_step < kMaxKnots) || !(std::abs(span.begin) / motion_step < 1e15)) {
     fail(scene, camera, ErrorCode::kOutOfRange,
-         fmt::format("would need more than {:g} poses {} s apart", kMaxKnots, step_));
+         fmt::format("would need more than {:g} poses {} s apart", kMaxKnots, motion_step));
   }
-  const TimeSpan grid{first * step_, last * step_};
-  const bool changes = scene.moves(camera.node, grid) ||
-                       (perspective_ ? camera.fov_x.varies_over(grid) : camera.width.varies_over(grid)) ||
-                       camera.aperture_radius.varies_over(grid) || camera.focus_distance.varies_over(grid);
+  const MotionGrid grid{motion_step};
+  const TimeSpan knots{grid.time(grid.first(span)), grid.time(grid.last(span))};
+  const bool changes = scene.moves(camera.node, knots) ||
+                       (perspective_ ? camera.fov_x.varies_over(knots) : camera.width.varies_over(knots)) ||
+                       camera.aperture_radius.varies_over(knots) || camera.focus_distance.varies_over(knots);
   if (!changes) {
-    still_ = compose(sample(scene, camera, span.begin));
+    still_ = compose(sample(scene, camera, {span.begin, span.begin}));
     return;
   }
-  first_knot_ = std::int64_t(first);
-  const int count = int(last - first) + 1;
-  knots_.reserve(std::size_t(count));
-  for (int k = 0; k < count; ++k) knots_.push_back(sample(scene, camera, (first + k) * step_));
+  std::vector<double> jumps;
+  camera_jumps(scene, camera, span, jumps);
+  pieces_ = MotionPieces(grid, span, std::move(jumps), {span.begin, span.begin});
+  knots_.reserve(pieces_.knots().size());
+  for (const MotionPieces::Knot& at : pieces_.knots()) knots_.push_back(sample(scene, camera, at));
 }
 
-CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, double t) const {
-  const Affine3d m = scene.world(camera.node, t);
+void camera_jumps(const Scene& scene, const Camera& camera, TimeSpan span, std::vector<double>& out) {
+  for (int node = camera.node; node >= 0; node = scene.nodes[std::size_t(node)].parent) {
+    scene.nodes[std::size_t(node)].local.jumps(span, out);
+  }
+  if (camera.projection == Projection::kPerspective) {
+    camera.fov_x.jumps(span, out);
+  } else {
+    camera.width.jumps(span, out);
+  }
+  camera.aperture_radius.jumps(span, out);
+  camera.focus_distance.jumps(span, out);
+}
+
+CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, const MotionPieces::Knot& at) const {
+  const double t = at.time, piece = at.piece;
+  const Affine3d m = scene.world(camera.node, t, piece);
   const double largest = std::max({length(m.x), length(m.y), length(m.z)});
   const bool regular = is_finite(m.x) && is_finite(m.y) && is_finite(m.z) && is_finite(m.translation) &&
                        std::abs(m.determinant()) > 1e-9 * largest * largest * largest;
@@ -73,8 +87,8 @@ CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, 
   };
   constexpr double kHuge = 1e18;
   const double half_width =
-      perspective_ ? std::tan(in_range(camera.fov_x.at(t), 0, kPiD, "a horizontal field of view of", "0 to pi") / 2)
-                   : in_range(camera.width.at(t), 0, kHuge, "a width of", "above 0") / 2;
+      perspective_ ? std::tan(in_range(camera.fov_x.at(t, piece), 0, kPiD, "a horizontal field of view of", "0 to pi") / 2)
+                   : in_range(camera.width.at(t, piece), 0, kHuge, "a width of", "above 0") / 2;
   const double aspect = size_.x / size_.y;
   if (camera.keep_vertical_fov) {
     k.half_height = half_width / in_range(camera.authored_aspect, 0, kHuge, "an aspect ratio of", "above 0");
@@ -84,8 +98,8 @@ CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, 
     k.half_height = half_width / aspect;
   }
   if (perspective_) {
-    k.aperture = in_range(camera.aperture_radius.at(t), -1e-30, kHuge, "an aperture radius of", "0 or more");
-    k.focus = camera.focus_distance.at(t);
+    k.aperture = in_range(camera.aperture_radius.at(t, piece), -1e-30, kHuge, "an aperture radius of", "0 or more");
+    k.focus = camera.focus_distance.at(t, piece);
     if (k.aperture > 0) in_range(k.focus, 0, kHuge, "a focus distance of", "above 0");
   }
   return k;
@@ -107,14 +121,11 @@ CameraModel::Pose CameraModel::compose(const Knot& k) const {
 }
 
 CameraModel::Pose CameraModel::interpolate(double t) const {
-  const double x = t / step_ - double(first_knot_);
-  const double base = std::clamp(std::floor(x + 1e-9), 0.0, double(knots_.size() - 1));
-  const double s = std::clamp(x - base, 0.0, 1.0);
-  const std::size_t i = std::size_t(base);
-  if (s == 0 || i + 1 == knots_.size()) return compose(knots_[i]);
+  const auto [i, s] = pieces_.locate(t);
+  if (s == 0) return compose(knots_[i]);
   const Knot &a = knots_[i], &b = knots_[i + 1];
-  const auto mix = [&](double u, double v) { return u + (v - u) * s; };  // exactly u if both are equal
-  const auto mix3 = [&](const Vec3d& u, const Vec3d& v) { return u + (v - u) * s; };
+  const auto mix = [s = s](double u, double v) { return u + (v - u) * s; };  // exactly u if both are equal
+  const auto mix3 = [s = s](const Vec3d& u, const Vec3d& v) { return u + (v - u) * s; };
   return compose({mix3(a.translation, b.translation),
                   a.rotation == b.rotation ? a.rotation : slerp(a.rotation, b.rotation, s), mix3(a.scale, b.scale),
                   mix3(a.skew, b.skew), mix(a.half_width, b.half_width), mix(a.half_height, b.half_height),

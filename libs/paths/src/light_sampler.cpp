@@ -32,7 +32,6 @@ struct AreaLight {
   float fixed_pdf_area = 0;          // 1 / area where the surface never moves; 0: ask at the time
   std::vector<FixedTriangle> fixed;  // of a mesh that never moves
   int analytic = -1;                 // index of the geometry variant: 1 sphere, 2 disk, 3 cylinder
-  Affine3f object_from_unit;
 };
 
 /// Piecewise constant density over the texels of a latitude-longitude picture.
@@ -52,7 +51,27 @@ struct LightSampler::Impl {
   std::vector<EnvironmentMap> environments;
   std::unordered_map<std::uint64_t, std::uint32_t> area_index;  // (instance, shape) -> areas
   LightChoice choice;                                           // areas, then punctual lights, then environments
-  double reference_time = 0;
+  TimeSpan span;              // of the rays
+  double reference_time = 0;  // its middle
+
+  /// Means over the span of what changes within it: a light that is off in the middle may shine at its ends. Keys are
+  /// looked at, and some times between.
+  template <class F, class... T>
+  float mean_over_span(F&& value, const Animated<T>&... sources) const {
+    constexpr int kTimes = 8;
+    if ((!sources.varies_over(span) && ...)) return value(reference_time);
+    double sum = 0;
+    int count = 0;
+    const auto add = [&](double t) { sum += value(t), ++count; };
+    for (int i = 0; i <= kTimes; ++i) add(span.begin + span.length() * i / kTimes);
+    const auto add_keys = [&](const auto& source) {
+      for (const double t : source.times()) {
+        if (span.contains(t)) add(t);
+      }
+    };
+    (add_keys(sources), ...);
+    return float(sum / count);
+  }
 
   std::vector<Place> punctual_places;
   Place place(int node) const {
@@ -126,7 +145,7 @@ struct LightSampler::Impl {
     return RoundSphere{m.translation, a};
   }
   Affine3f world_from_unit(const AreaLight& light, double t) const {
-    return rays->world_from_object(light.instance, light.shape, t) * light.object_from_unit;
+    return rays->world_from_unit(light.instance, light.shape, t);
   }
 
   float pdf_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& ng, double t) const;
@@ -147,7 +166,7 @@ bool LightSampler::empty() const { return impl_->choice.empty(); }
 bool LightSampler::has_environment() const { return !impl_->environments.empty(); }
 
 float LightSampler::Impl::area_of(const AreaLight& light, double t) const {
-  if (light.mesh) return float(light.triangles.total());
+  if (light.mesh) return float(light.triangles.total());  // mean over the span
   const Affine3f m = world_from_unit(light, t);
   // Scale factor by the geometric mean: exact for similarities; only steers the choice of lights otherwise.
   const float scale = std::cbrt(std::abs(m.determinant()));
@@ -179,7 +198,8 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
   Impl& s = *impl_;
   s.scene = &scene;
   s.rays = &rays;
-  s.reference_time = 0.5 * (rays.rays().begin + rays.rays().end);
+  s.span = rays.rays();
+  s.reference_time = 0.5 * (s.span.begin + s.span.end);
   std::vector<float> powers;
   std::vector<LightReach> reaches;
   for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
@@ -189,18 +209,22 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
     for (const int shape_index : scene.groups[std::size_t(instance.group)]) {
       const Shape& shape = scene.shapes[std::size_t(shape_index)];
       if (!shape.emission) continue;
-      const Rgb mean_radiance = shape.emission->radiance.mean(s.reference_time);
-      const bool varying = !shape.emission->radiance.factor.is_constant();
-      if (!varying && !(max_component(mean_radiance) > 0)) continue;
+      const Slot& emitted = shape.emission->radiance;
+      const float radiance = s.mean_over_span(
+          [&](double t) { return std::max(0.0f, luminance(emitted.mean(t))); }, emitted.factor);
+      if (!(radiance > 0)) continue;
       AreaLight light;
       light.instance = i;
       light.shape = std::uint32_t(shape_index);
       light.emission = &*shape.emission;
       light.mesh = std::get_if<Mesh>(&shape.geometry);
       if (light.mesh) {
+        // Over the span, where it may be flat at any one time.
+        std::vector<double> times{s.reference_time};
+        if (moving || light.mesh->deforms()) times = {s.span.begin, s.reference_time, s.span.end};
         std::vector<float> areas(light.mesh->triangle_count());
         for (std::uint32_t k = 0; k < areas.size(); ++k) {
-          areas[k] = rays.triangle_area(i, light.shape, k, s.reference_time);
+          for (const double t : times) areas[k] += rays.triangle_area(i, light.shape, k, t) / float(times.size());
         }
         light.triangles = Discrete(areas);
         if (!(light.triangles.total() > 0)) continue;
@@ -216,19 +240,9 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
         }
       } else {
         light.analytic = int(shape.geometry.index());
-        light.object_from_unit = std::visit(
-            [](const auto& g) -> Affine3f {
-              if constexpr (requires { g.object_from_unit; }) return g.object_from_unit;
-              return {};
-            },
-            shape.geometry);
-        // A static analytic shape is placed in world space already; world_from_unit needs the instance's own transform.
-        if (!moving && rays.world_from_object(i, light.shape, s.reference_time) == Affine3f{}) {
-          light.object_from_unit = Affine3f(scene.world(instance.node, s.reference_time)) * light.object_from_unit;
-        }
       }
-      reaches.push_back(s.reach_of(light, luminance(mean_radiance)));
-      powers.push_back(kPi * luminance(mean_radiance) * s.area_of(light, s.reference_time) *
+      reaches.push_back(s.reach_of(light, radiance));
+      powers.push_back(kPi * radiance * s.area_of(light, s.reference_time) *
                        (light.emission->two_sided ? 2.0f : 1.0f));
       s.area_index[(std::uint64_t(i) << 32) | light.shape] = std::uint32_t(s.areas.size());
       s.areas.push_back(std::move(light));
@@ -237,9 +251,11 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
   const float radius = std::max(rays.bounds().radius(), 1e-6f);
   for (const PunctualLight& light : scene.lights) {
     s.punctual_places.push_back(s.place(light.node));
-    const float intensity =
-        luminance(light.intensity.at(s.reference_time)) * light.intensity_scale.at(s.reference_time);
-    const float cone = 2 * kPi * (1 - std::cos(light.cutoff_angle.at(s.reference_time)));
+    const float intensity = s.mean_over_span(
+        [&](double t) { return std::max(0.0f, luminance(light.intensity.at(t)) * light.intensity_scale.at(t)); },
+        light.intensity, light.intensity_scale);
+    const float cone = s.mean_over_span([&](double t) { return 2 * kPi * (1 - std::cos(light.cutoff_angle.at(t))); },
+                                        light.cutoff_angle);
     const bool shown = scene.visible(light.node, s.reference_time);
     LightReach reach;
     if (shown && light.type == LightType::kDirectional) reach.constant = intensity;
@@ -290,7 +306,10 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
       e.rows = Discrete(row_sums);
       mean_luminance = sum / norm;
     }
-    const float radiance = float(mean_luminance) * luminance(environment.radiance.at(s.reference_time));
+    const float radiance =
+        float(mean_luminance) *
+        s.mean_over_span([&](double t) { return std::max(0.0f, luminance(environment.radiance.at(t))); },
+                         environment.radiance);
     reaches.push_back({.constant = kPi * radiance, .near = 0, .center = {}, .radius = 0});
     powers.push_back(radiance * 4 * kPi * kPi * sqr(radius));
     s.environments.push_back(std::move(e));

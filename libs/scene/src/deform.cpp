@@ -5,16 +5,14 @@
 
 namespace tempera {
 
-MeshPose mesh_pose(const Scene& scene, const Mesh& mesh, int node, double t) {
+MeshPose mesh_pose(const Scene& scene, const Mesh& mesh, int node, double t, double piece) {
   MeshPose pose;
-  if (!mesh.skin.joints.empty()) {
-    const Affine3d instance_from_world = inverse(scene.world(node, t));
-    pose.joints.reserve(mesh.skin.joints.size());
-    for (const Skin::Joint& joint : mesh.skin.joints) {
-      pose.joints.emplace_back(instance_from_world * scene.world(joint.node, t) * joint.inverse_bind);
-    }
+  if (mesh.skin.joints.empty()) pose.world = Affine3f(scene.world(node, t, piece));
+  pose.joints.reserve(mesh.skin.joints.size());
+  for (const Skin::Joint& joint : mesh.skin.joints) {
+    pose.joints.emplace_back(scene.world(joint.node, t, piece) * joint.inverse_bind);
   }
-  if (!mesh.morph_targets.empty()) pose.morph_weights = mesh.morph_weights.at(t);
+  if (!mesh.morph_targets.empty()) pose.morph_weights = mesh.morph_weights.at(t, piece);
   if (mesh.cache.size() > 1) {
     const auto after = std::upper_bound(mesh.cache.begin(), mesh.cache.end(), t,
                                         [](double time, const VertexCacheSample& s) { return time < s.time; });
@@ -49,7 +47,7 @@ Vec3f posed_position(const Mesh& mesh, const MeshPose& pose, std::uint32_t verte
     const auto& d = mesh.morph_targets[i].positions;
     if (pose.morph_weights[i] != 0 && !d.empty()) p += d[vertex] * pose.morph_weights[i];
   }
-  return pose.joints.empty() ? p : skin_matrix(mesh, pose, vertex).point(p);
+  return pose.joints.empty() ? pose.world.point(p) : skin_matrix(mesh, pose, vertex).point(p);
 }
 
 Vec3f posed_normal(const Mesh& mesh, const MeshPose& pose, std::uint32_t vertex) {
@@ -62,11 +60,15 @@ Vec3f posed_normal(const Mesh& mesh, const MeshPose& pose, std::uint32_t vertex)
     const auto& d = mesh.morph_targets[i].normals;
     if (pose.morph_weights[i] != 0 && !d.empty()) n += d[vertex] * pose.morph_weights[i];
   }
-  if (!pose.joints.empty()) {  // normals follow the cofactor matrix, which is right for any scale
-    const Affine3f m = skin_matrix(mesh, pose, vertex);
-    n = cross(m.y, m.z) * n.x + cross(m.z, m.x) * n.y + cross(m.x, m.y) * n.z;
-  }
-  return normalize(n);
+  if (pose.joints.empty()) return transform_normal(pose.world, n);
+  const Affine3f m = skin_matrix(mesh, pose, vertex);
+  return normalize(cofactor_vector(m, n));
+}
+
+void mesh_jumps(const Scene& scene, const Mesh& mesh, int node, TimeSpan span, std::vector<double>& out) {
+  scene.jumps(node, span, out);
+  for (const Skin::Joint& joint : mesh.skin.joints) scene.jumps(joint.node, span, out);
+  mesh.morph_weights.jumps(span, out);
 }
 
 }  // namespace tempera

@@ -9,10 +9,17 @@
 
 namespace tempera {
 
-Affine3d Scene::world(int node, double t) const {
+Affine3d Scene::world(int node, double t, double piece) const {
   Affine3d m;
-  for (; node >= 0; node = nodes[std::size_t(node)].parent) m = nodes[std::size_t(node)].local.at(t) * m;
+  for (; node >= 0; node = nodes[std::size_t(node)].parent) m = nodes[std::size_t(node)].local.at(t, piece) * m;
   return m;
+}
+
+void Scene::jumps(int node, TimeSpan span, std::vector<double>& out) const {
+  for (; node >= 0; node = nodes[std::size_t(node)].parent) {
+    nodes[std::size_t(node)].local.jumps(span, out);
+    nodes[std::size_t(node)].visibility.jumps(span, out);
+  }
 }
 
 bool Scene::moves(int node, TimeSpan span) const {

@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "tempera/accel/motion_grid.h"
 #include "tempera/core/time.h"
 #include "tempera/scene/scene.h"
 
@@ -20,8 +21,8 @@ struct CameraRay {
 class CameraModel {
  public:
   /// `span`: times that will be asked for; within it the pose is resampled on the grid of `motion_step` seconds, as
-  /// matter is: translation and scale linear, rotation slerp, picture size and lens linear between the knots. `scene`
-  /// is only read here. Errors: Error{kBadInput} for a transform that is singular or not finite; Error{kOutOfRange} for
+  /// matter is: translation and scale linear, rotation slerp, picture size and lens linear between the knots; where
+  /// the camera jumps, nothing lies between. `scene` is only read here. Errors: Error{kBadInput} for a transform that is singular or not finite; Error{kOutOfRange} for
   /// a field of view, lens or clipping distance outside its range, or a span of more than a million knots; both name
   /// the camera.
   CameraModel(const Scene& scene, int camera, int width, int height, TimeSpan span, double motion_step);
@@ -58,7 +59,7 @@ class CameraModel {
     Vec3d lens_x, lens_y;        ///< unit, if there is an aperture
     double half_width = 1, half_height = 1, aperture = 0, focus = 1;
   };
-  Knot sample(const Scene& scene, const Camera& camera, double t) const;
+  Knot sample(const Scene& scene, const Camera& camera, const MotionPieces::Knot& at) const;
   Pose compose(const Knot& knot) const;
   Pose interpolate(double t) const;
   /// Calls f with the pose at t; without copies for cameras that stand still.
@@ -72,10 +73,12 @@ class CameraModel {
   Vec2d size_;    ///< of the film in pixels
   Vec2d offset_;  ///< of the picture in fractions of its size
   double near_, far_;
-  double step_;
-  Pose still_;                   ///< of a camera that does not change
-  std::int64_t first_knot_ = 0;  ///< knot i of knots_ stands at (first_knot_ + i) * step_
-  std::vector<Knot> knots_;      ///< empty if nothing changes
+  Pose still_;  ///< of a camera that does not change
+  MotionPieces pieces_;
+  std::vector<Knot> knots_;  ///< at those of pieces_; empty if nothing changes
 };
+
+/// Appends the times within the open `span` (seconds) at which the camera jumps to another view.
+void camera_jumps(const Scene& scene, const Camera& camera, TimeSpan span, std::vector<double>& out);
 
 }  // namespace tempera

@@ -20,7 +20,7 @@ struct Node {
   int parent = -1;  ///< index of an earlier node, or -1
   AnimatedTransform local;
   std::string name;
-  Animated<float> visibility{1.0f};  ///< below 0.5: this node and its children are not rendered (sampled per frame)
+  Animated<float> visibility{1.0f};  ///< below 0.5: this node and its children are not rendered
 };
 
 /// Radiance leaving a surface. One-sided: only from the front (where the geometric normal points).
@@ -129,7 +129,11 @@ struct Scene {
   std::uint64_t content_hash = 0;
 
   /// World transform of `node` at time `t` (seconds); identity for -1.
-  Affine3d world(int node, double t) const;
+  Affine3d world(int node, double t) const { return world(node, t, t); }
+  /// The same as if the piece between jumps that holds the time `piece` went on for ever; see Animated::at.
+  Affine3d world(int node, double t, double piece) const;
+  /// Appends the times within the open `span` at which `node` jumps to another place or appears or disappears.
+  void jumps(int node, TimeSpan span, std::vector<double>& out) const;
   /// Whether the world transform of `node` can change within `span`.
   bool moves(int node, TimeSpan span) const;
   bool visible(int node, double t) const;
