@@ -83,6 +83,8 @@ struct RayScene::Impl {
   Triangle triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
   Triangle blended_triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
   Triangle knot_triangle(const PlacedShape& placed, std::uint32_t primitive, std::size_t knot) const;
+  /// Position of a point of an instanced shape in the instance's space.
+  Vec3f object_position(const PlacedShape& placed, const SurfacePoint& point) const;
   /// Whether the triangles of a mesh show their backs at time t, because its place is mirrored.
   bool mirrored(const PlacedShape& placed, double t) const;
 };
@@ -198,6 +200,15 @@ bool RayScene::Impl::mirrored(const PlacedShape& p, double t) const {
   return Affine3f{lerp(a.x, b.x, blend), lerp(a.y, b.y, blend), lerp(a.z, b.z, blend)}.determinant() < 0;
 }
 
+Vec3f RayScene::Impl::object_position(const PlacedShape& p, const SurfacePoint& point) const {
+  if (!p.mesh) {
+    return p.analytic.object_from_unit.point(analytic::evaluate(p.analytic.kind, point.u, point.v).p);
+  }
+  const std::uint32_t* v = &p.mesh->indices[3 * std::size_t(point.primitive)];
+  const Vec3f* at = p.knots[0].positions;
+  return at[v[0]] * (1 - point.u - point.v) + at[v[1]] * point.u + at[v[2]] * point.v;
+}
+
 namespace {
 
 Bounds3f bounds_of(RTCScene scene) {
@@ -286,7 +297,7 @@ void RayScene::Impl::attach_instance(std::uint32_t i) {
     largest_inverse = std::max(largest_inverse, 2 * (length(inv.x) + length(inv.y) + length(inv.z)));
   };
   if (still) {  // also without knots
-    const Affine3f w = world(i, ray_begin);
+    const Affine3f w = knots.empty() ? m.world : compose(knots[0]);
     note_inverse(w);
     rtcSetGeometryTransform(g, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, &w);
   } else {
@@ -672,10 +683,10 @@ SurfaceMotion RayScene::motion(const SurfacePoint& point, double t) const {
     const Affine3f w = interpolate(im.knots[knot], im.knots[next], blend);
     const Affine3f dw = interpolate_derivative(im.knots[knot], im.knots[next], blend);
     const Affine3f inv = inverse(w);
-    m.dpdt = dw.point(inv.point(here.p)) * rate;
+    m.dpdt = dw.point(s.object_position(placed, point)) * rate;
     // d(M^-T n) = -M^-T dM^T M^-T n
     const Vec3f dn = -inv.transposed_vector(dw.transposed_vector(here.frame.n)) * rate;
-    m.dndt = unit_rate(here.frame.n, 1, dn);
+    if (is_finite(dn)) m.dndt = unit_rate(here.frame.n, 1, dn);  // else it is flat, and turns with its plane at most
   }
   return m;
 }

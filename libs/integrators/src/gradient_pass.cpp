@@ -74,9 +74,10 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
   for (int i = first; i < first + count; ++i) {
     const CameraSample camera = camera_sample(context, key, x, y, i);
     const Vec3f axis = film_.features() ? context.camera.axis(camera.time) : Vec3f{};
-    ShiftObserver shifts(context, options.path, options.roughness_threshold, camera, neighbours);
+    const FrameContext& now = context.at(camera.time);
+    ShiftObserver shifts(now, options.path, options.roughness_threshold, camera, neighbours);
     const SampleResult r =
-        trace_path(context, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts);
+        trace_path(now, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts);
     rays += r.rays + shifts.rays();
     shadow_rays += r.shadow_rays;
     bool finite = true;
@@ -137,10 +138,11 @@ void join_gradients(const std::string& prefix, Frame& out) {
 
 Rgb replay_gradients(const FrameContext& context, const GradientOptions& options, const BadSample& sample) {
   const CameraSample camera = camera_sample(context, sample.numbers, sample.x, sample.y, sample.sample);
-  ShiftObserver shifts(context, options.path, options.roughness_threshold, camera,
+  const FrameContext& now = context.at(camera.time);
+  ShiftObserver shifts(now, options.path, options.roughness_threshold, camera,
                        inside(context.settings, sample.x, sample.y));
   std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
-  const Rgb radiance = trace_path(context, options.path, camera, {}, classes, false, shifts).radiance * camera.weight;
+  const Rgb radiance = trace_path(now, options.path, camera, {}, classes, false, shifts).radiance * camera.weight;
   for (std::size_t j = 0; j < 4 && is_finite(radiance); ++j) {
     if (!is_finite(shifts.g(j))) return shifts.g(j);
   }

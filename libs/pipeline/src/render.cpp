@@ -17,6 +17,7 @@
 #include "tempera/core/log.h"
 #include "tempera/core/parallel.h"
 #include "tempera/frames/files.h"
+#include "tempera/integrators/frame_scene.h"
 
 namespace tempera {
 
@@ -74,44 +75,25 @@ struct Sequence {
   }
 
   double motion_step() const { return shot.settings.clock.frame_duration() / shot.motion_segments; }
-  TimeSpan exposure(int frame) const { return shot.settings.clock.exposure(frame); }
-  /// One frame more on both sides: where motion vectors look.
-  TimeSpan evaluation(int frame) const {
-    const double d = shot.settings.clock.frame_duration();
-    return {exposure(frame).begin - d, exposure(frame).end + d};
-  }
 };
 
 /// What rays of one frame meet, and what its integrator made of that.
-struct FrameScene {
-  RayScene rays;
-  LightSampler lights;
-  CameraModel camera;
+struct PreparedFrame {
+  FrameScene scene;
   std::unique_ptr<FramePlan> plan;
   bool for_next;
 
   /// `rendered`: as Integrator::prepare takes it; `for_next`: whether only what the next frame needs is wanted.
-  FrameScene(Sequence& q, int frame, const Frame* rendered, bool for_next_ = false)
-      : rays(q.scene, q.exposure(frame), q.evaluation(frame), {.motion_step = q.motion_step()}, q.cache),
-        lights(q.scene, rays),
-        camera(q.scene, q.shot.settings.camera, q.shot.settings.width, q.shot.settings.height, q.evaluation(frame),
-               q.motion_step()),
-        for_next(for_next_) {
-    const FrameContext now = context(q, frame);
+  PreparedFrame(Sequence& q, int frame, const Frame* rendered, bool for_next_ = false)
+      : scene(q.scene, q.shot.settings, q.classifier, frame, q.motion_step(), q.cache), for_next(for_next_) {
     if (q.integrator->frames_before() == 0 || for_next) {
-      plan = q.integrator->prepare(now, nullptr, nullptr);
+      plan = q.integrator->prepare(context(), nullptr, nullptr);
       return;
     }
-    const TimeSpan exposure = q.exposure(frame - 1);
-    const double middle = 0.5 * (exposure.begin + exposure.end);
-    const RayScene rays_before(q.scene, {middle, middle}, q.evaluation(frame - 1), {.motion_step = q.motion_step()},
-                               q.cache);
-    const FrameContext before{q.scene, rays_before, lights, camera, q.classifier, q.shot.settings, frame - 1};
-    plan = q.integrator->prepare(now, &before, rendered);
+    const PrecedingFrame before(scene);
+    plan = q.integrator->prepare(context(), &before.context(), rendered);
   }
-  FrameContext context(const Sequence& q, int frame) const {
-    return {q.scene, rays, lights, camera, q.classifier, q.shot.settings, frame, plan.get(), for_next};
-  }
+  FrameContext context() const { return scene.context(plan.get(), for_next); }
 };
 
 RenderTotals totals_of(RenderCounters& c) { return {c.samples, c.rays, c.shadow_rays, c.bad_samples, c.first_bad}; }
@@ -245,10 +227,10 @@ Frame make_carried(Sequence& q, int frame, const std::stop_token& stop) {
   }
   log_info(fmt::format("frame {}: sampling the frame before, whose sample counts it repeats", frame + 1));
   Frame picture = make_frame(*q.integrator, q.shot.settings, q.scene);
-  const FrameScene frame_scene(q, frame, nullptr, true);
+  const PreparedFrame prepared(q, frame, nullptr, true);
   CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
   std::mutex mutex;
-  render_rounds(q, frame_scene.context(q, frame), picture, state, mutex, stop, [](const Tile&, const RenderTotals&) {});
+  render_rounds(q, prepared.context(), picture, state, mutex, stop, [](const Tile&, const RenderTotals&) {});
   return carried_layers(q, picture);
 }
 
@@ -441,10 +423,9 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
       }
     }
     if (carries && (!carried || carried->first != f - 1)) carried = {f - 1, make_carried(q, f - 1, halt.get_token())};
-    const FrameScene frame_scene(q, f, carries ? &carried->second : nullptr);
-    log_debug(fmt::format("frame {}: built in {:.3f} s, {:.1f} MiB, motion resampled to within {:.3g} m", f,
-                          now() - frame_begin, double(frame_scene.rays.memory()) / (1 << 20),
-                          frame_scene.rays.resampling_error()));
+    const PreparedFrame prepared(q, f, carries ? &carried->second : nullptr);
+    log_debug(fmt::format("frame {}: built in {:.3f} s, {:.1f} MiB, {} pieces between jumps", f, now() - frame_begin,
+                          double(prepared.scene.memory()) / (1 << 20), prepared.scene.piece_count()));
     for (RenderObserver* o : observers) {
       o->frame_begin(f, frame, std::size_t(std::count(state.done.begin(), state.done.end(), 1)));
     }
@@ -465,7 +446,7 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
           log_warning(fmt::format("no checkpoint of frame {}: {}", f, e.what()));
         }
       });
-      render_rounds(q, frame_scene.context(q, f), frame, state, mutex, halt.get_token(),
+      render_rounds(q, prepared.context(), frame, state, mutex, halt.get_token(),
                     [&](const Tile& t, const RenderTotals& totals) {
                       for (RenderObserver* o : observers) o->tile_done(f, frame, t, totals);
                     });
@@ -483,7 +464,7 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
       break;
     }
 
-    finish_frame(*q.integrator, frame_scene.context(q, f), frame);
+    finish_frame(*q.integrator, prepared.context(), frame);
     if (carries) carried = {f, carried_layers(q, frame)};
     RenderInfo info = render_info_of(q, f);
     info.command = options.command;
@@ -521,11 +502,11 @@ Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals
   Frame picture = make_frame(*q.integrator, shot.settings, scene);
   std::optional<Frame> carried;
   if (!q.integrator->carried().empty()) carried = make_carried(q, frame - 1, {});
-  const FrameScene frame_scene(q, frame, carried ? &*carried : nullptr);
+  const PreparedFrame prepared(q, frame, carried ? &*carried : nullptr);
   CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
   std::mutex mutex;
-  render_rounds(q, frame_scene.context(q, frame), picture, state, mutex, {}, [](const Tile&, const RenderTotals&) {});
-  finish_frame(*q.integrator, frame_scene.context(q, frame), picture);
+  render_rounds(q, prepared.context(), picture, state, mutex, {}, [](const Tile&, const RenderTotals&) {});
+  finish_frame(*q.integrator, prepared.context(), picture);
   if (totals) *totals = state.totals;
   return picture;
 }
@@ -537,9 +518,9 @@ Rgb replay_sample(const Shot& shot, const Scene& scene, const BadSample& b) {
                                                b.x, b.y, s.width, s.height));
   }
   Sequence q(shot, scene);
-  const FrameScene frame_scene(q, b.frame, nullptr, true);
+  const PreparedFrame prepared(q, b.frame, nullptr, true);
   const FlushDenormals flush;  // as the render had it
-  return q.integrator->replay(frame_scene.context(q, b.frame), b);
+  return q.integrator->replay(prepared.context(), b);
 }
 
 }  // namespace tempera

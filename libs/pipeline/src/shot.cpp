@@ -9,6 +9,7 @@
 #include <set>
 
 #include "hash.h"
+#include "shot_motion.h"
 #include "tempera/frames/files.h"
 #include "tempera/pipeline/materials.h"
 #include "tempera/scene/default_view.h"
@@ -426,6 +427,29 @@ Scene import_shot_scene(const ShotConfig& config, const ImportOptions& options, 
   return import_scene(file, import, warnings);
 }
 
+namespace {
+
+void settle_motion(const ShotConfig& config, Scene& scene, Shot& shot) {
+  RenderSettings& s = shot.settings;
+  std::vector<int> cuts;
+  if (config.find("cuts")) cuts = numbers<int>(config, "cuts", 0, "frame numbers, e.g. [8, 120]");
+  if (!cuts.empty()) {
+    cut_motion(scene, s.clock, cuts);
+    shot.edits += fmt::format("cuts:{}", fmt::join(cuts, ","));
+  }
+  s.cuts = find_cuts(scene, s, cuts);
+  std::optional<int> segments;
+  if (const std::string& text = config.get_string("motion_segments"); text != "auto") {
+    segments = numbers<int>(config, "motion_segments", 1, "auto, or a whole number from 1 to 1024")[0];
+    if (*segments < 1 || *segments > 1024) {
+      throw out_of_range(config, "motion_segments", fmt::format("motion_segments = {} is not within 1 to 1024", *segments));
+    }
+  }
+  shot.motion_segments = settle_motion_segments(scene, s, segments);
+}
+
+}  // namespace
+
 Shot settle_shot(const ShotConfig& config, Scene& scene) {
   Shot shot;
   shot.scene_file = config.input_path("scene");
@@ -461,7 +485,6 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   shot.write.half = config.get_bool("output.half");
   shot.write.names = parse_aov_names(config.get_string("output.aov_names"));
   shot.final_write = shot.write;
-  shot.motion_segments = config.get_int("motion_segments");
   shot.video_path = config.get_string("video.path");
   shot.video_path_is_typed = config.find("video.path") && config.loc("video.path").line == 0;
   shot.video.fps = config.get_double("video.fps") > 0 ? config.get_double("video.fps") : s.clock.fps;
@@ -477,6 +500,8 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
     log_warning(
         fmt::format("{} has no light: adding a dim environment and a directional light", scene.source.string()));
   }
+
+  settle_motion(config, scene, shot);
 
   // Which layers an integrator can write is its own knowledge; ask it before a ray is traced.
   try {

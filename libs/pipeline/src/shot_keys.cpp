@@ -23,7 +23,8 @@ std::vector<ShotKey> own_keys() {
       {{"first_frame", 0, "number of the frame that stands at `start`", -1e9, 1e9}, "", "N"},
       {{"start", 0.0, "time of `first_frame` on the scene's axis, seconds", -1e9, 1e9}, "", "SECONDS",
        "the scene's start of exposure, else 0"},
-      {{"motion_segments", 4, "pieces of a frame between which motion is interpolated", 1, 32}, "", "N"},
+      {{"motion_segments", "auto", "segments of a frame between which motion is interpolated, 1 to 1024; auto: as many as the motion needs, one number for the whole shot"}, "", "N", "", true},
+      {{"cuts", "", "first frames after cuts: motion ends there, and nothing looks across; jumps of the camera are found without it"}, "", "FRAMES", "", true},
 
       {{"shutter.open", 0.0, "start of exposure, in frames from the frame's time", -10, 10}, "", "FRAMES", "the scene's, else 0"},
       {{"shutter.close", 0.5, "end of exposure; as `open` for no motion blur", -10, 10}, "", "FRAMES", "the scene's, else 0.5"},

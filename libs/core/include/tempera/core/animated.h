@@ -75,9 +75,9 @@ class Animated {
   /// or from it on, whatever comes beyond.
   T at(double t, double piece) const {
     if (times_.size() <= 1) return values_.empty() ? T{} : value(0);
+    if (interpolation_ == Interpolation::kStep) return value(last_key(piece));
     if (!jumps_) return between(t, 0, times_.size() - 1);
     std::size_t first = last_key(piece), last = first;
-    if (interpolation_ == Interpolation::kStep) return value(first);
     while (first > 0 && !jumps_at(first)) --first;
     while (last + 1 < times_.size() && !jumps_at(last + 1)) ++last;
     return between(t, first, last);
@@ -125,7 +125,7 @@ class Animated {
     const auto after = std::upper_bound(begin + 1, end, t);
     const std::size_t i = std::size_t(after - times_.begin()) - 1;
     const double dt = times_[i + 1] - times_[i], s = (t - times_[i]) / dt;
-    if (interpolation_ == Interpolation::kLinear) return detail::mix(value(i), value(i + 1), s);
+    if (interpolation_ != Interpolation::kCubic) return detail::mix(value(i), value(i + 1), s);
     return detail::hermite(value(i), scaled(values_[3 * i + 2], dt), value(i + 1), scaled(values_[3 * i + 3], dt), s);
   }
   static T scaled(const T& m, double dt) {

@@ -2,6 +2,7 @@
 #pragma once
 // An integrator estimates light transport and writes named layers. It owns no threads and no files: the pipeline cuts a
 // shot into work units (tiles of a frame), runs them in any order and writes the frames.
+#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <memory>
@@ -46,6 +47,9 @@ struct RenderSettings {
   std::vector<PathClass> classes;
   bool classes_are_decomposition = false;  ///< check disjointness, add "residual", components sum to color exactly
   int cryptomatte_depth = 6;
+  /// First frames after a cut, in order: nothing looks across, so motion vectors are invalid there.
+  std::vector<int> cuts;
+  bool is_cut(int frame) const { return std::binary_search(cuts.begin(), cuts.end(), frame); }
   std::string canonical() const;  ///< all fields as text, for metadata and resume
 
   int x0() const { return crop_width > 0 ? crop_x : 0; }
@@ -59,17 +63,27 @@ struct FramePlan {
   virtual ~FramePlan() = default;
 };
 
-/// Everything that is fixed while one frame renders.
+/// Everything that is fixed while one frame renders (frame_scene.h makes it).
 struct FrameContext {
   const Scene& scene;
-  const RayScene& rays;
-  const LightSampler& lights;
+  const RayScene& rays;        ///< of the first piece of the exposure between jumps
+  const LightSampler& lights;  ///< likewise
   const CameraModel& camera;
   const LightPathClassifier& classifier;
   const RenderSettings& settings;
   int frame = 0;
   FramePlan* plan = nullptr;  ///< what the integrator's `prepare` returned; a tile changes nothing of another's there
   bool for_next = false;      ///< only what the next frame needs (Integrator::carried) is wanted of this one
+  /// For each piece of the exposure what its rays and lights are; none if there is but one piece.
+  std::span<const FrameContext> pieces{};
+
+  /// This context for paths of time t (seconds): their rays meet what is there then.
+  const FrameContext& at(double t) const {
+    if (pieces.empty()) return *this;
+    std::size_t i = 0;
+    while (i + 1 < pieces.size() && t >= pieces[i + 1].rays.rays().begin) ++i;
+    return pieces[i];
+  }
 };
 
 /// The quantum of parallelism, checkpoint and resume: pixels [x0,x1) x [y0,y1) of the frame with all their samples.

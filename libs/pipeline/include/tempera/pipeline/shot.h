@@ -29,7 +29,7 @@ struct Shot {
   bool is_part = false;              ///< the sequence has frames that `frames` leaves out
   std::string output;                ///< pattern, see frame_path; empty: none is named
   WriteOptions write;                ///< of the files that are rendered
-  int motion_segments = 4;           ///< knots of the motion grid per frame
+  int motion_segments = 4;           ///< of a frame between knots of the motion grid
   Params reconstruct;                ///< of the stage
   std::string final_output;          ///< pattern of the reconstructed frames; empty: none is named
   WriteOptions final_write;          ///< of the frames that are the result
