@@ -22,7 +22,12 @@ PixelView view_pixel(const FrameContext& context, int x, int y) {
   view.time = middle(context.settings, context.frame, y);
   view.ray = context.camera.ray({float(x) + 0.5f, float(y) + 0.5f}, {0.5f, 0.5f}, view.time);
   Ray ray{view.ray.o, view.ray.d, view.ray.tmin, view.ray.tmax, view.time};
-  auto hit = context.rays.intersect(ray);
+  const auto next = [&]() -> std::optional<Hit> {
+    Hit hit;
+    if (!intersect_seen(context, true, ray, hit)) return std::nullopt;
+    return hit;
+  };
+  auto hit = next();
   for (int i = 0; hit && context.rays.has_opacity() && i < kMaxVertices;
        ++i) {  // look through what is mostly transparent
     const Material& material = *context.rays.shape(hit->point).material;
@@ -31,7 +36,7 @@ PixelView view_pixel(const FrameContext& context, int x, int y) {
     if (material.opacity(s) >= 0.5f) break;
     ray.o = context.rays.offset_origin(s.p, s.ng, ray.d);
     ray.tmin = 0;
-    hit = context.rays.intersect(ray);
+    hit = next();
   }
   if (hit) {
     view.point = hit->point;
