@@ -507,9 +507,9 @@ CachedMesh find_meshes(const Scene& scene, const Values& v, const std::string& n
     names.push_back(own);
     if (own == name) add(int(s));
   }
-  for (std::size_t s = 0; result.shapes.empty() && s < scene.shapes.size(); ++s) {
-    for (std::size_t k = s; scene.shapes[s].name == name + "[0]" && k < scene.shapes.size(); ++k) {
-      if (scene.shapes[k].name == fmt::format("{}[{}]", name, k - s)) add(int(k));
+  if (result.shapes.empty()) {
+    for (std::size_t s = 0; s < scene.shapes.size(); ++s) {
+      if (scene.shapes[s].name == fmt::format("{}[{}]", name, result.shapes.size())) add(int(s));
     }
   }
   if (result.shapes.empty()) throw unknown(v, "mesh", name, names);

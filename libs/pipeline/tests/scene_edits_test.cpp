@@ -162,7 +162,7 @@ TEST(SceneEdits, LensesChangeOverTime) {
   // Text of the command line means the same, and all of it is in the fingerprint.
   ShotConfig config;
   config.set_text("scene", "scene.xml");
-  for (const char* set : {"fps=10", "first_frame=1", "start=2", "camera.f_stop=1:2, 11:8", "camera.focus_object=Hero",
+  for (const char* set : {"fps=10", "first_frame=1", "start=2", "camera.f_stop=1:2,11:8", "camera.focus_object=Hero",
                           "camera.focal_length=1:36,11:72", "camera.near_clip=0.5", "camera.far_clip=50"})
     config.assign(set, ShotConfig::kCommandLine());
   Scene same = scene();

@@ -34,10 +34,13 @@ std::string pc2(int samples, int vertices, float start, float rate) {
 
 class VertexCaches : public testing::Test {
  protected:
-  void TearDown() override { std::filesystem::remove(file_); }
+  void SetUp() override { std::filesystem::create_directories(folder_); }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+  /// A file of its own each time: those that are mapped must not change.
   std::shared_ptr<VertexCache> open(const std::string& content, VertexCacheOptions options) const {
-    std::ofstream(file_, std::ios::binary) << content;
-    return VertexCache::open(file_, options, {"shot.toml", 7, 1});
+    const std::filesystem::path file = folder_ / std::to_string(files_++);
+    std::ofstream(file, std::ios::binary) << content;
+    return VertexCache::open(file, options, {"shot.toml", 7, 1});
   }
   void expect_bad(const std::string& content, VertexCacheOptions options, const std::string& says) const {
     try {
@@ -49,7 +52,9 @@ class VertexCaches : public testing::Test {
       EXPECT_NE(e.message().find(says), std::string::npos) << e.what();
     }
   }
-  std::filesystem::path file_ = std::filesystem::temp_directory_path() / ("tempera_cache_" + std::to_string(getpid()));
+  std::filesystem::path folder_ =
+      std::filesystem::temp_directory_path() / ("tempera_cache_" + std::to_string(getpid()));
+  mutable int files_ = 0;
 };
 
 TEST_F(VertexCaches, EveryFormatHoldsTheSame) {
@@ -88,7 +93,7 @@ TEST_F(VertexCaches, DamagedFilesAreRefused) {
   std::memcpy(&nan[32 + 12 * (2 * 5 + 3) + 4], &bad, 4);
   expect_bad(nan, {CacheFormat::kPc2}, "not finite: vertex 3 of sample 2");
   try {
-    VertexCache::open(file_.string() + ".none", {}, {"shot.toml", 7, 1});
+    VertexCache::open(folder_ / "none", {}, {"shot.toml", 7, 1});
     FAIL();
   } catch (const Error& e) {
     EXPECT_EQ(e.code(), ErrorCode::kMissingFile);
