@@ -67,17 +67,16 @@ TEST_F(CliShot, VertexCachesMoveWhatTheySay) {
   const Outcome again = render(toml, "f.####.exr", resume);
   EXPECT_NE(again.err.find("4 frames rendered, 0 found finished"), std::string::npos) << again.err;
   // With an open shutter the moving edge is a ramp: half of the way at the middle of it.
-  const Outcome blurred =
-      render(toml + "open = -0.5\n[shutter.x]\n", "g.####.exr");  // a table that is not there
+  const Outcome blurred = render(toml + "open = -0.5\n[shutter.x]\n", "g.####.exr");  // a table that is not there
   EXPECT_EQ(blurred.status, 3);
-  const Outcome open = render("[caches.quad]\nfile = \"move.raw\"\nstart = 1\nstep = 0.5\n[film]\nresolution = [64, 64]\n"
-                              "[shutter]\nopen = 0\nclose = 1\n",
-                              "g.####.exr", {"--frames", "1", "--spp", "256"});
+  const Outcome open = render(
+      "[caches.quad]\nfile = \"move.raw\"\nstart = 1\nstep = 0.5\n[film]\nresolution = [64, 64]\n"
+      "[shutter]\nopen = 0\nclose = 1\n",
+      "g.####.exr", {"--frames", "1", "--spp", "256"});
   ASSERT_EQ(open.status, 0) << open.err;
   const Image color = read_frame(path("g.0001.exr")).layer("color");
   // Half a unit, 8 pixels, in the frame: coverage falls from pixel 16 to 24 in eighths.
-  for (int x = 16; x < 24; ++x)
-    EXPECT_NEAR(color.rgb(x, 32).r / color.rgb(26, 32).r, (x - 16 + 0.5) / 8, 0.06) << x;
+  for (int x = 16; x < 24; ++x) EXPECT_NEAR(color.rgb(x, 32).r / color.rgb(26, 32).r, (x - 16 + 0.5) / 8, 0.06) << x;
 
   fs::resize_file(folder_ / "move.raw", 4 * 4 * 12 - 5);
   const Outcome broken = render(toml, "h.####.exr");
@@ -97,10 +96,11 @@ TEST_F(CliShot, PixelAspectIsInTheFile) {
   EXPECT_NEAR(frame.layer("position").rgb(12, 4).g - frame.layer("position").rgb(12, 10).g, 6 * 4 / 24.0 / 1.5, 0.05);
 }
 
-// The irradiance below the light stays, to a percent; its shadow and mirror image are those of a sphere, see the tests of
-// lights. Unknown names are errors that list the known ones.
+// The irradiance below the light stays, to a percent; its shadow and mirror image are those of a sphere, see the tests
+// of lights. Unknown names are errors that list the known ones.
 TEST_F(CliShot, LightsGetSizes) {
-  const std::vector<std::string> small{"--resolution", "9x9", "--spp", "256", "--frames", "0", "--set", "film.crop=4,4,1,1"};
+  const std::vector<std::string> small{"--resolution", "9x9", "--spp", "256",
+                                       "--frames",     "0",   "--set", "film.crop=4,4,1,1"};
   ASSERT_EQ(render("", "point.exr", small).status, 0);
   ASSERT_EQ(render("[lights.bulb]\nradius = 0.7\n", "sphere.exr", small).status, 0);
   const float point = read_frame(path("point.0000.exr")).layer("color").rgb(0, 0).r,

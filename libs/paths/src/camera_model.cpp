@@ -90,10 +90,9 @@ CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, 
   if (f_stop > 0) {
     const bool across = camera.sensor_fit == SensorFit::kHorizontal ||
                         (camera.sensor_fit == SensorFit::kAuto && k.half_width >= k.half_height);
-    const double focal_length =
-        perspective_ ? in_range(camera.sensor_size, 0, kHuge, "a sensor size of", "above 0") /
-                           (2 * (across ? k.half_width : k.half_height))
-                     : 1.0;
+    const double focal_length = perspective_ ? in_range(camera.sensor_size, 0, kHuge, "a sensor size of", "above 0") /
+                                                   (2 * (across ? k.half_width : k.half_height))
+                                             : 1.0;
     k.aperture = focal_length / (2 * f_stop);
   }
   k.focus = camera.focus_node < 0

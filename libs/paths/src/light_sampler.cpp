@@ -45,17 +45,17 @@ struct EnvironmentMap {
 
 bool is_directed(const AreaEmission& e) { return e.half_spread < kPi / 2 || e.spot; }
 
-/// Light through a grid of slats that hide everything beyond `half_spread` radians from the normal: 1 - tan / tan(spread)
-/// of a direction passes. Scaled so that the power stays: the mean over cosine-weighted directions is
-/// 1 - spread / tan(spread).
+/// Light through a grid of slats that hide everything beyond `half_spread` radians from the normal: 1 - tan /
+/// tan(spread) of a direction passes. Scaled so that the power stays: the mean over cosine-weighted directions is 1 -
+/// spread / tan(spread).
 float spread_factor(float half_spread, float cosine) {
   if (!(half_spread < kPi / 2)) return 1;
   const float tan_spread = std::tan(half_spread);
   const float tangent = std::sqrt(std::max(0.0f, 1 - cosine * cosine)) / std::max(cosine, 1e-6f);
   // tan(a) - a cancels for small angles.
   const float a2 = half_spread * half_spread;
-  const float norm =
-      half_spread < 0.1f ? half_spread * a2 * (1 / 3.0f + a2 * (2 / 15.0f + a2 * (17 / 315.0f))) : tan_spread - half_spread;
+  const float norm = half_spread < 0.1f ? half_spread * a2 * (1 / 3.0f + a2 * (2 / 15.0f + a2 * (17 / 315.0f)))
+                                        : tan_spread - half_spread;
   return std::max(0.0f, tan_spread - tangent) / norm;
 }
 
@@ -155,7 +155,7 @@ struct LightSampler::Impl {
   static constexpr std::size_t kNone = ~std::size_t(0);
   /// A directional light that comes from a disk of the sky, evenly: the directions of a cone.
   struct Sun {
-    std::size_t light = 0;  // Scene::lights index
+    std::size_t light = 0;              // Scene::lights index
     float one_minus_cos = 0, sin2 = 0;  // of half of its angle
   };
   std::vector<Sun> suns;
@@ -396,7 +396,8 @@ Rgb LightSampler::Impl::directed(const AreaEmission& emission, const Vec3f& ng, 
   Rgb factor(spread_factor(emission.half_spread, std::abs(dot(ng, wo))));
   if (emission.spot) {
     const Affine3f m(scene->world(emission.spot->node, t));
-    factor *= spot_factor(*emission.spot, {dot(wo, normalize(m.x)), dot(wo, normalize(m.y)), dot(wo, normalize(m.z))}, t);
+    factor *=
+        spot_factor(*emission.spot, {dot(wo, normalize(m.x)), dot(wo, normalize(m.y)), dot(wo, normalize(m.z))}, t);
   }
   return factor;
 }
@@ -489,7 +490,7 @@ inline bool LightSampler::Impl::from_area(const AreaLight& light, const Vec3f& p
 /// Light from the direction of a point in the picture of environment `index`; the others, and suns, shine from there,
 /// too.
 bool LightSampler::Impl::from_infinity(std::size_t index, const MapPoint& at, const Vec3f& p, double t,
-                                          LightSample& r) const {
+                                       LightSample& r) const {
   r.wi = at.d;
   r.distance = kInfinity;
   for (std::size_t i = 0; i < environments.size(); ++i) {

@@ -276,9 +276,9 @@ TEST(CameraModel, CirclesOfConfusionFollowTheFStop) {
   c.fov_x = float(2 * std::atan(36.0 / 2 / 50));  // 50 mm on a sensor of 36 mm
   c.f_stop = 2;
   c.focus_distance = 3;
-  for (const auto& [fit, size, radius] :
-       {std::tuple{SensorFit::kAuto, 0.036f, 0.05 / 4}, {SensorFit::kHorizontal, 0.072f, 0.1 / 4},
-        {SensorFit::kVertical, 0.036f, 0.05 / 4 * kWidth / kHeight}}) {
+  for (const auto& [fit, size, radius] : {std::tuple{SensorFit::kAuto, 0.036f, 0.05 / 4},
+                                          {SensorFit::kHorizontal, 0.072f, 0.1 / 4},
+                                          {SensorFit::kVertical, 0.036f, 0.05 / 4 * kWidth / kHeight}}) {
     c.sensor_fit = fit, c.sensor_size = size;
     const Scene scene = scene_with(c, Affine3d{});
     const CameraModel m = model(scene);
@@ -334,7 +334,8 @@ TEST(CameraModel, FocusFollowsANode) {
     const double distance = 5 + 3 * t;
     const Vec3f expected{0, 0, float(distance + t)};
     for (int i = 0; i < 100; ++i) {
-      const CameraRay r = m.ray({kWidth / 2.0f, kHeight / 2.0f}, {random1(std::uint64_t(i), 3), random1(std::uint64_t(i), 4)}, t);
+      const CameraRay r =
+          m.ray({kWidth / 2.0f, kHeight / 2.0f}, {random1(std::uint64_t(i), 3), random1(std::uint64_t(i), 4)}, t);
       EXPECT_LT(length(r.o + r.d * (float(distance) / r.d.z) - expected), 1e-5f);
       EXPECT_LE(std::hypot(r.o.x, r.o.y), float(0.1 + 0.2 * t) * 1.0001f);
     }

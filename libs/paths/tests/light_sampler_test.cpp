@@ -274,7 +274,8 @@ TEST(LightSizes, SpreadKeepsThePowerOfADisk) {
     if (half_spread > 1.5f) continue;
     for (const double h : {40.0, 8.0, 1.0}) {
       const double t = std::tan(double(half_spread)), theta = std::min(std::atan(2 / h), double(half_spread));
-      const double e = 3 * kPiD * (t * std::sin(theta) * std::sin(theta) - (theta - std::sin(theta) * std::cos(theta))) /
+      const double e = 3 * kPiD *
+                       (t * std::sin(theta) * std::sin(theta) - (theta - std::sin(theta) * std::cos(theta))) /
                        (t - double(half_spread));
       EXPECT_TRUE(test::MeanIs(e, irradiances(l, {0, 0, float(h)}, {0, 0, -1}, 60000))) << half_spread << " " << h;
     }

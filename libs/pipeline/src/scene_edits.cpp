@@ -84,9 +84,9 @@ Error unknown(const Values& values, const char* kind, const std::string& wanted,
   names.erase(std::unique(names.begin(), names.end()), names.end());
   std::erase(names, "");
   return Error(ErrorCode::kUnknownName, values.first,
-               names.empty() ? fmt::format("the scene has no {} \"{}\", and none with a name at all", kind, wanted)
-                             : fmt::format("the scene has no {} \"{}\"; it has: {}", kind, wanted,
-                                           nearest_names(wanted, names)));
+               names.empty()
+                   ? fmt::format("the scene has no {} \"{}\", and none with a name at all", kind, wanted)
+                   : fmt::format("the scene has no {} \"{}\"; it has: {}", kind, wanted, nearest_names(wanted, names)));
 }
 
 double frame_time(const FrameClock& clock, double frame) { return clock.start + (frame - clock.first) / clock.fps; }
@@ -150,9 +150,10 @@ Animated<float> parse_keys(const std::string& name, const std::string& text, con
       times.push_back(t);
     }
     if (!(v >= min && v <= max)) {
-      throw Error(ErrorCode::kOutOfRange, loc,
-                  fmt::format("{} = {} is out of range; must be {}", name, v,
-                              max < kHuge ? fmt::format("between {} and {}", min, max) : fmt::format("at least {}", min)));
+      throw Error(
+          ErrorCode::kOutOfRange, loc,
+          fmt::format("{} = {} is out of range; must be {}", name, v,
+                      max < kHuge ? fmt::format("between {} and {}", min, max) : fmt::format("at least {}", min)));
     }
     values.push_back(float(v));
     if (at == end) break;
@@ -169,7 +170,11 @@ std::span<const ParamSpec> camera_params() {
       {"focal_length", "", "millimeters, in place of fov; keys as for f_stop"},
       {"sensor_width", 36.0, "millimeters that the side of the picture has on the sensor", 1e-3, 1e6},
       {"sensor_height", 24.0, "the same with sensor_fit = \"vertical\"", 1e-3, 1e6},
-      {"sensor_fit", "auto", "the side: auto (the larger one), horizontal or vertical", -kMany, kMany,
+      {"sensor_fit",
+       "auto",
+       "the side: auto (the larger one), horizontal or vertical",
+       -kMany,
+       kMany,
        {"auto", "horizontal", "vertical"}},
       {"shift_x", 0.0, "moves the window to the right, in lengths of that side", -100, 100},
       {"shift_y", 0.0, "moves the window up, in lengths of that side", -100, 100},
@@ -224,9 +229,8 @@ void edit_camera(const Values& v, const RenderSettings& s, const Scene& scene, C
   if (v.has("fov") && v.has("focal_length")) throw v.bad("focal_length", "and fov exclude each other");
   if (v.has("fov") || v.has("focal_length")) {
     camera.fov_x = v.has("fov") ? mapped(v.keys("fov", s.clock, 1e-3, 179.9), [](double fov) { return fov * kDegrees; })
-                                : mapped(v.keys("focal_length", s.clock, 1e-3, 1e6), [&](double f) {
-                                    return 2 * std::atan(double(camera.sensor_size) * 500 / f);
-                                  });
+                                : mapped(v.keys("focal_length", s.clock, 1e-3, 1e6),
+                                         [&](double f) { return 2 * std::atan(double(camera.sensor_size) * 500 / f); });
     camera.keep_vertical_fov = !across;
     camera.authored_aspect = across ? float(aspect) : 1.0f;  // 1: fov_x is the vertical angle
   }
@@ -295,7 +299,8 @@ std::string edit_cameras(const ShotConfig& config, const RenderSettings& setting
 
 std::span<const ParamSpec> light_params() {
   static const std::vector<ParamSpec> params = {
-      {"color", "", "a number, three (linear Rec. 709) or \"#rrggbb\"; what the light gives is color x intensity x scale"},
+      {"color", "",
+       "a number, three (linear Rec. 709) or \"#rrggbb\"; what the light gives is color x intensity x scale"},
       {"intensity", "",
        "W/sr of points and spots, W/m^2 of suns, W/(m^2 sr) of emitting objects; in files where the color holds "
        "everything it is 1; a number, or keys over frames that are linear in between: [[1, 5], [24, 0]]"},
@@ -321,7 +326,8 @@ namespace {
 
 bool emits(const Scene& scene, const Instance& instance) {
   const auto& group = scene.groups[std::size_t(instance.group)];
-  return std::any_of(group.begin(), group.end(), [&](int s) { return scene.shapes[std::size_t(s)].emission.has_value(); });
+  return std::any_of(group.begin(), group.end(),
+                     [&](int s) { return scene.shapes[std::size_t(s)].emission.has_value(); });
 }
 
 /// Emitting instances that `name` means: objects, or all that use a shape of that name.
@@ -466,10 +472,18 @@ std::string edit_lights(const ShotConfig& config, const FrameClock& clock, Scene
 std::span<const ParamSpec> cache_params() {
   static const std::vector<ParamSpec> params = {
       {"file", "", "file of positions: .pc2, .mdd, or floats alone; relative to shot.toml"},
-      {"format", "auto", "auto: by the file's ending, raw for all but .pc2 and .mdd", -kMany, kMany,
+      {"format",
+       "auto",
+       "auto: by the file's ending, raw for all but .pc2 and .mdd",
+       -kMany,
+       kMany,
        {"auto", "pc2", "mdd", "raw"}},
-      {"up", "y", "axis of the file's positions that points up: y as in glTF, z as in Blender (x, y, z becomes x, z, -y)",
-       -kMany, kMany, {"y", "z"}},
+      {"up",
+       "y",
+       "axis of the file's positions that points up: y as in glTF, z as in Blender (x, y, z becomes x, z, -y)",
+       -kMany,
+       kMany,
+       {"y", "z"}},
       {"start", 0.0, "frame of the first sample, in place of what the file says", -1e9, 1e9},
       {"step", 1.0, "frames between samples, in place of what the file says", 1e-6, 1e6},
       {"frames", "", "the frames of all samples, in place of start and step"},
@@ -582,7 +596,8 @@ std::string attach_caches(const ShotConfig& config, const FrameClock& clock, Sce
   std::string edits;
   for (const auto& [name, v] : tables(config, "caches", cache_params())) {
     const CachedMesh target = find_meshes(scene, v, name);
-    if (v.params.get_string("file").empty()) throw v.bad("file", fmt::format("is missing: [caches.{}] names none", name));
+    if (v.params.get_string("file").empty())
+      throw v.bad("file", fmt::format("is missing: [caches.{}] names none", name));
     const std::filesystem::path file = config.input_path({v.params.get_string("file"), v.loc("file")});
     std::string ending = file.extension().string();
     std::transform(ending.begin(), ending.end(), ending.begin(), [](unsigned char c) { return char(std::tolower(c)); });
@@ -629,16 +644,16 @@ std::string attach_caches(const ShotConfig& config, const FrameClock& clock, Sce
       bind_cache(mesh, std::move(c));
     }
     if (other < 0.01 * distance) {
-      log_warning(fmt::format("the vertex cache {} fits the mesh \"{}\" much better with up = \"{}\"", file.string(), name,
-                              z_up ? "y" : "z"));
+      log_warning(fmt::format("the vertex cache {} fits the mesh \"{}\" much better with up = \"{}\"", file.string(),
+                              name, z_up ? "y" : "z"));
     }
     // A cache counts as animation, unless the scene has one that is longer.
     const TimeSpan covered{cache->times().front(), cache->times().back()};
     if (covered.length() > 0) {
       TimeSpan& animation = scene.animation;
       const bool none = !(animation.length() > 0);
-      animation = none ? covered
-                       : TimeSpan{std::min(animation.begin, covered.begin), std::max(animation.end, covered.end)};
+      animation =
+          none ? covered : TimeSpan{std::min(animation.begin, covered.begin), std::max(animation.end, covered.end)};
     }
     std::string times;
     for (const double t : cache->times()) times += fmt::format("{},", t);

@@ -368,7 +368,9 @@ void replace_environment(const ShotConfig& config, Shot& shot, Scene& scene) {
                 fmt::format("environment.rotation = \"{}\" cannot be read; write one angle, or three around x, y and z",
                             config.get_string("environment.rotation")));
   }
-  const auto turn = [](const Vec3d& axis, double angle) { return Affine3d(rotation(axis_angle(axis, angle * kPiD / 180))); };
+  const auto turn = [](const Vec3d& axis, double angle) {
+    return Affine3d(rotation(axis_angle(axis, angle * kPiD / 180)));
+  };
   const Vec3d x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1};
   Affine3d world_from_picture = turn(y, degrees[0]);
   if (degrees.size() == 3) {

@@ -78,43 +78,43 @@ TEST_P(SceneEditErrors, StandAtTheValue) {
 }
 INSTANTIATE_TEST_SUITE_P(
     All, SceneEditErrors,
-    testing::Values(
-        Bad{"[camera]\nf_stop = 2.8\n", ErrorCode::kBadInput, 3, "focus_distance"},
-        Bad{"[camera]\nf_stop = 0\nfocus_distance = 1\n", ErrorCode::kOutOfRange, 3, "f_stop"},
-        Bad{"[camera]\nf_stop = 2\naperture_radius = 1\n", ErrorCode::kBadInput, 4, "exclude"},
-        Bad{"[camera]\nfov = 40\nfocal_length = 35\n", ErrorCode::kBadInput, 4, "exclude"},
-        Bad{"[camera]\nfov = [[1, 40], [1, 50]]\n", ErrorCode::kBadInput, 3, "increase"},
-        Bad{"[camera]\nfov = [40, 50]\n", ErrorCode::kBadInput, 3, "[[frame, value], ...]"},
-        Bad{"[camera]\nfov = [[1, 40, 2]]\n", ErrorCode::kBadInput, 3, "[[frame, value], ...]"},
-        Bad{"[camera]\nfov = [[[1], 40]]\n", ErrorCode::kBadInput, 3, "array"},
-        Bad{"[camera]\nfov = 180\n", ErrorCode::kOutOfRange, 3, "179.9"},
-        Bad{"[camera]\nfocus_object = \"Herro\"\nf_stop = 2\n", ErrorCode::kUnknownName, 3, "Hero"},
-        Bad{"[camera]\nfocus_object = \"Hero\"\nfocus_distance = 2\n", ErrorCode::kBadInput, 3, "exclude"},
-        Bad{"[camera]\npixel_aspect = 0\n", ErrorCode::kOutOfRange, 3, "0.001"},
-        Bad{"[camera]\nnear_clip = 5\nfar_clip = 2\n", ErrorCode::kOutOfRange, 3, "below"},
-        Bad{"[camera]\nfstop = 2\n", ErrorCode::kUnknownName, 3, "camera.f_stop"},
-        Bad{"[camera]\nname = \"fra\"\n", ErrorCode::kUnknownName, 3, "1 (far)"},
-        Bad{"[cameras.fra]\nfov = 2\n", ErrorCode::kUnknownName, 3, "far"},
-        Bad{"[lights.Blub]\nscale = 2\n", ErrorCode::kUnknownName, 3, "Bulb, Sun, Left, Spot"},
-        Bad{"[lights.Bulb]\nradios = 2\n", ErrorCode::kUnknownName, 3, "radius"},
-        Bad{"[lights.Bulb]\nradius = -1\n", ErrorCode::kOutOfRange, 3, "0"},
-        Bad{"[lights.Bulb]\nangle = 1\n", ErrorCode::kBadInput, 3, "\"Bulb\" is a point light"},
-        Bad{"[lights.Sun]\nradius = 1\n", ErrorCode::kBadInput, 3, "\"Sun\" is a directional light"},
-        Bad{"[lights.Sun]\nspread = 90\n", ErrorCode::kBadInput, 3, "does not apply"},
-        Bad{"[lights.Sun]\ncamera_visible = true\n", ErrorCode::kBadInput, 3, "angle"},
-        Bad{"[lights.Left]\nradius = 1\n", ErrorCode::kBadInput, 3, "emitting object"},
-        Bad{"[lights.Left]\nspread = 0.5\n", ErrorCode::kOutOfRange, 3, "180"},
-        Bad{"[lights.Spot]\nbeam = 40\nblend = 0.5\n", ErrorCode::kBadInput, 4, "exclude"},
-        Bad{"[lights.Spot]\ncone = 30\nbeam = 40\n", ErrorCode::kOutOfRange, 4, "30 degrees"},
-        Bad{"[lights.Bulb]\ncolor = \"red\"\n", ErrorCode::kBadInput, 3, "no color"},
-        Bad{"[lights.quad]\nscale = 2\n", ErrorCode::kUnknownName, 3, "Left"}));
+    testing::Values(Bad{"[camera]\nf_stop = 2.8\n", ErrorCode::kBadInput, 3, "focus_distance"},
+                    Bad{"[camera]\nf_stop = 0\nfocus_distance = 1\n", ErrorCode::kOutOfRange, 3, "f_stop"},
+                    Bad{"[camera]\nf_stop = 2\naperture_radius = 1\n", ErrorCode::kBadInput, 4, "exclude"},
+                    Bad{"[camera]\nfov = 40\nfocal_length = 35\n", ErrorCode::kBadInput, 4, "exclude"},
+                    Bad{"[camera]\nfov = [[1, 40], [1, 50]]\n", ErrorCode::kBadInput, 3, "increase"},
+                    Bad{"[camera]\nfov = [40, 50]\n", ErrorCode::kBadInput, 3, "[[frame, value], ...]"},
+                    Bad{"[camera]\nfov = [[1, 40, 2]]\n", ErrorCode::kBadInput, 3, "[[frame, value], ...]"},
+                    Bad{"[camera]\nfov = [[[1], 40]]\n", ErrorCode::kBadInput, 3, "array"},
+                    Bad{"[camera]\nfov = 180\n", ErrorCode::kOutOfRange, 3, "179.9"},
+                    Bad{"[camera]\nfocus_object = \"Herro\"\nf_stop = 2\n", ErrorCode::kUnknownName, 3, "Hero"},
+                    Bad{"[camera]\nfocus_object = \"Hero\"\nfocus_distance = 2\n", ErrorCode::kBadInput, 3, "exclude"},
+                    Bad{"[camera]\npixel_aspect = 0\n", ErrorCode::kOutOfRange, 3, "0.001"},
+                    Bad{"[camera]\nnear_clip = 5\nfar_clip = 2\n", ErrorCode::kOutOfRange, 3, "below"},
+                    Bad{"[camera]\nfstop = 2\n", ErrorCode::kUnknownName, 3, "camera.f_stop"},
+                    Bad{"[camera]\nname = \"fra\"\n", ErrorCode::kUnknownName, 3, "1 (far)"},
+                    Bad{"[cameras.fra]\nfov = 2\n", ErrorCode::kUnknownName, 3, "far"},
+                    Bad{"[lights.Blub]\nscale = 2\n", ErrorCode::kUnknownName, 3, "Bulb, Sun, Left, Spot"},
+                    Bad{"[lights.Bulb]\nradios = 2\n", ErrorCode::kUnknownName, 3, "radius"},
+                    Bad{"[lights.Bulb]\nradius = -1\n", ErrorCode::kOutOfRange, 3, "0"},
+                    Bad{"[lights.Bulb]\nangle = 1\n", ErrorCode::kBadInput, 3, "\"Bulb\" is a point light"},
+                    Bad{"[lights.Sun]\nradius = 1\n", ErrorCode::kBadInput, 3, "\"Sun\" is a directional light"},
+                    Bad{"[lights.Sun]\nspread = 90\n", ErrorCode::kBadInput, 3, "does not apply"},
+                    Bad{"[lights.Sun]\ncamera_visible = true\n", ErrorCode::kBadInput, 3, "angle"},
+                    Bad{"[lights.Left]\nradius = 1\n", ErrorCode::kBadInput, 3, "emitting object"},
+                    Bad{"[lights.Left]\nspread = 0.5\n", ErrorCode::kOutOfRange, 3, "180"},
+                    Bad{"[lights.Spot]\nbeam = 40\nblend = 0.5\n", ErrorCode::kBadInput, 4, "exclude"},
+                    Bad{"[lights.Spot]\ncone = 30\nbeam = 40\n", ErrorCode::kOutOfRange, 4, "30 degrees"},
+                    Bad{"[lights.Bulb]\ncolor = \"red\"\n", ErrorCode::kBadInput, 3, "no color"},
+                    Bad{"[lights.quad]\nscale = 2\n", ErrorCode::kUnknownName, 3, "Left"}));
 
-// The values of Blender's own formulas (BKE_camera_params_compute_viewplane): with a shift the window moves by fractions
-// of the larger side; the angle belongs to that side.
+// The values of Blender's own formulas (BKE_camera_params_compute_viewplane): with a shift the window moves by
+// fractions of the larger side; the angle belongs to that side.
 TEST(SceneEdits, CamerasAreBlenders) {
   const auto corner = [](const Scene& s, const Shot& shot, int camera = 0) {  // of the window at distance 1: left, top
     const CameraModel m(s, camera, shot.settings.width, shot.settings.height, {0, 0}, 1);
-    const CameraRay a = m.ray({0, 0}, {}, 0), b = m.ray({float(shot.settings.width), float(shot.settings.height)}, {}, 0);
+    const CameraRay a = m.ray({0, 0}, {}, 0),
+                    b = m.ray({float(shot.settings.width), float(shot.settings.height)}, {}, 0);
     return std::array<double, 4>{-double(a.d.x / a.d.z), double(a.d.y / a.d.z), -double(b.d.x / b.d.z),
                                  double(b.d.y / b.d.z)};  // x to the right
   };
@@ -125,10 +125,11 @@ TEST(SceneEdits, CamerasAreBlenders) {
   for (const Case& c : {Case{"[400, 200]", 400, 200, 1, 400, 1}, Case{"[200, 400]", 200, 400, 1, 400, 1},
                         Case{"[400, 300]", 400, 300, 0.5, 600, 2}, Case{"[300, 400]", 300, 400, 2, 300, 0.5}}) {
     Scene s = scene();
-    const Shot shot = settle(fmt::format("[film]\nresolution = {}\n[camera]\nfocal_length = 50\nshift_x = 0.1\nshift_y = "
-                                         "-0.3\npixel_aspect = {}\nsensor_width = 32\n",
-                                         c.film, c.aspect),
-                             s);
+    const Shot shot =
+        settle(fmt::format("[film]\nresolution = {}\n[camera]\nfocal_length = 50\nshift_x = 0.1\nshift_y = "
+                           "-0.3\npixel_aspect = {}\nsensor_width = 32\n",
+                           c.film, c.aspect),
+               s);
     const double pixel = 32.0 / 50 / c.viewfac;
     const double dx = 0.1 * c.viewfac, dy = -0.3 * c.viewfac;
     const auto seen = corner(s, shot);
@@ -140,7 +141,9 @@ TEST(SceneEdits, CamerasAreBlenders) {
   // The angle of the side that sensor_fit names, for a camera of its own name that does not render.
   Scene s = scene();
   const Shot shot = settle(
-      "[film]\nresolution = [400, 200]\n[camera]\nname = \"near\"\n[cameras.far]\nfov = 90\nsensor_fit = \"vertical\"\n", s);
+      "[film]\nresolution = [400, 200]\n[camera]\nname = \"near\"\n[cameras.far]\nfov = 90\nsensor_fit = "
+      "\"vertical\"\n",
+      s);
   EXPECT_EQ(shot.settings.camera, 0);
   EXPECT_NEAR(corner(s, shot, 1)[1], 1, 1e-5);
   EXPECT_NEAR(corner(s, shot, 1)[2], 2, 1e-5);
@@ -254,7 +257,8 @@ class Caches : public testing::Test {
     }
     return Error(ErrorCode::kFailed, "nothing was thrown");
   }
-  std::filesystem::path folder_ = std::filesystem::temp_directory_path() / ("tempera_edits_" + std::to_string(getpid()));
+  std::filesystem::path folder_ =
+      std::filesystem::temp_directory_path() / ("tempera_edits_" + std::to_string(getpid()));
 };
 
 TEST_F(Caches, SamplesStandAtFramesOfTheShot) {
@@ -373,9 +377,12 @@ TEST(SceneEdits, EnvironmentsTurnAsInBlender) {
       const Vec3d d{r * std::cos(phi), r * std::sin(phi), z};  // Blender's axes
       const double k = kPiD / 180;
       Vec3d m = d;  // x first
-      m = {m.x, m.y * std::cos(angles.x * k) - m.z * std::sin(angles.x * k), m.y * std::sin(angles.x * k) + m.z * std::cos(angles.x * k)};
-      m = {m.x * std::cos(angles.y * k) + m.z * std::sin(angles.y * k), m.y, -m.x * std::sin(angles.y * k) + m.z * std::cos(angles.y * k)};
-      m = {m.x * std::cos(angles.z * k) - m.y * std::sin(angles.z * k), m.x * std::sin(angles.z * k) + m.y * std::cos(angles.z * k), m.z};
+      m = {m.x, m.y * std::cos(angles.x * k) - m.z * std::sin(angles.x * k),
+           m.y * std::sin(angles.x * k) + m.z * std::cos(angles.x * k)};
+      m = {m.x * std::cos(angles.y * k) + m.z * std::sin(angles.y * k), m.y,
+           -m.x * std::sin(angles.y * k) + m.z * std::cos(angles.y * k)};
+      m = {m.x * std::cos(angles.z * k) - m.y * std::sin(angles.z * k),
+           m.x * std::sin(angles.z * k) + m.y * std::cos(angles.z * k), m.z};
       const double u = 0.5 - std::atan2(m.y, m.x) / (2 * kPiD), v = 0.5 - std::asin(m.z) / kPiD;  // row 0 on top
       const Vec3d local = inverse(world).vector({d.x, d.z, -d.y});
       const double ours = std::atan2(local.x, -local.z) / (2 * kPiD);
@@ -384,10 +391,12 @@ TEST(SceneEdits, EnvironmentsTurnAsInBlender) {
     }
   }
   // One angle is as it was, and [0, 0, a] is 90 - a.
-  const Scene one = settled("[environment]\nrotation = 60\n"), three = settled("[environment]\nrotation = [0, 0, 30]\n");
+  const Scene one = settled("[environment]\nrotation = 60\n"),
+              three = settled("[environment]\nrotation = [0, 0, 30]\n");
   const Vec3d p{1, 2, 3};
-  EXPECT_LT(length(one.world(one.environments[0].node, 0).vector(p) - three.world(three.environments[0].node, 0).vector(p)),
-            1e-12);
+  EXPECT_LT(
+      length(one.world(one.environments[0].node, 0).vector(p) - three.world(three.environments[0].node, 0).vector(p)),
+      1e-12);
   EXPECT_THROW(settled("[environment]\nrotation = [1, 2]\n"), Error);
   EXPECT_THROW(settled("[environment]\nrotation = \"nan\"\n"), Error);
 }

@@ -113,8 +113,9 @@ class Validator {
     }
     if (const VertexCache* cache = m->cache.samples.get()) {
       const std::vector<double>& times = cache->times();
-      require(m->cache.vertices.empty() ? m->cache.first_vertex + n <= cache->vertices() : m->cache.vertices.size() == n,
-              "mesh", s.name, "has a vertex cache of another number of vertices");
+      require(
+          m->cache.vertices.empty() ? m->cache.first_vertex + n <= cache->vertices() : m->cache.vertices.size() == n,
+          "mesh", s.name, "has a vertex cache of another number of vertices");
       require(std::all_of(m->cache.vertices.begin(), m->cache.vertices.end(),
                           [&](std::uint32_t v) { return v < cache->vertices(); }),
               "mesh", s.name, "has a vertex that is none of its vertex cache's");

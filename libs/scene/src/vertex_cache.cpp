@@ -84,7 +84,8 @@ std::shared_ptr<VertexCache> VertexCache::open(const std::filesystem::path& file
     header = 32;
     if (size < header || std::memcmp(bytes, "POINTCACHE2", 12) != 0) throw bad("is not a PC2 file");
     const auto version = load<std::int32_t>(bytes + 12, cache->swap_);
-    const auto points = load<std::int32_t>(bytes + 16, cache->swap_), frames = load<std::int32_t>(bytes + 28, cache->swap_);
+    const auto points = load<std::int32_t>(bytes + 16, cache->swap_),
+               frames = load<std::int32_t>(bytes + 28, cache->swap_);
     if (version != 1) throw bad(fmt::format("is a PC2 file of version {}; known: 1", version));
     if (points <= 0 || frames <= 0) throw bad(fmt::format("has {} vertices and {} samples", points, frames));
     vertices = std::uint64_t(points), samples = std::uint64_t(frames);
@@ -98,8 +99,9 @@ std::shared_ptr<VertexCache> VertexCache::open(const std::filesystem::path& file
     if (vertices == 0 || vertices > std::numeric_limits<std::uint32_t>::max()) throw bad("cannot hold 0 vertices");
     const std::uint64_t sample = vertices * kVertexBytes;
     if (size <= header || (size - header) % sample != 0) {
-      throw bad(fmt::format("has {} bytes after the first {}, which is no multiple of the {} of a sample of {} vertices",
-                            size - std::min<std::uint64_t>(size, header), header, sample, vertices));
+      throw bad(
+          fmt::format("has {} bytes after the first {}, which is no multiple of the {} of a sample of {} vertices",
+                      size - std::min<std::uint64_t>(size, header), header, sample, vertices));
     }
     samples = (size - header) / sample;
   }
@@ -111,11 +113,11 @@ std::shared_ptr<VertexCache> VertexCache::open(const std::filesystem::path& file
   cache->vertices_ = vertices, cache->samples_ = samples;
   cache->times_.resize(samples);
   for (std::size_t i = 0; i < samples; ++i) {
-    cache->times_[i] = options.format == CacheFormat::kPc2
-                           ? double(load<float>(bytes + 20, cache->swap_)) +
-                                 double(i) * double(load<float>(bytes + 24, cache->swap_))
-                       : options.format == CacheFormat::kMdd ? double(load<float>(bytes + 8 + 4 * i, cache->swap_))
-                                                             : double(i);
+    cache->times_[i] =
+        options.format == CacheFormat::kPc2
+            ? double(load<float>(bytes + 20, cache->swap_)) + double(i) * double(load<float>(bytes + 24, cache->swap_))
+        : options.format == CacheFormat::kMdd ? double(load<float>(bytes + 8 + 4 * i, cache->swap_))
+                                              : double(i);
   }
   cache->check(loc, name);
   return cache;

@@ -115,8 +115,8 @@ TEST_F(VertexCaches, LargeFilesAreReadInBlocks) {
     EXPECT_EQ(open(changed, options)->position(vertex / 50000, vertex % 50000).x, 1);
     for (int c = 0; c < 3; ++c) {
       std::memcpy(&changed[3 + 12 * vertex + 4 * std::size_t(c)], &infinity, 4);
-      expect_bad(changed, options, "vertex " + std::to_string(vertex % 50000) + " of sample " +
-                                       std::to_string(vertex / 50000));
+      expect_bad(changed, options,
+                 "vertex " + std::to_string(vertex % 50000) + " of sample " + std::to_string(vertex / 50000));
     }
   }
 }
@@ -133,7 +133,8 @@ Mesh seam(bool sharp) {
         m.normals.push_back(sharp ? Vec3f{side * d, 0, 0.8f} : Vec3f{0, 0, 1});
       }
     }
-    const auto quad = side > 0 ? std::array<std::uint32_t, 6>{0, 1, 3, 0, 3, 2} : std::array<std::uint32_t, 6>{0, 3, 1, 0, 2, 3};
+    const auto quad =
+        side > 0 ? std::array<std::uint32_t, 6>{0, 1, 3, 0, 3, 2} : std::array<std::uint32_t, 6>{0, 3, 1, 0, 2, 3};
     for (const std::uint32_t i : quad) m.indices.push_back(base + i);
   }
   return m;
@@ -153,8 +154,8 @@ TEST(CachedMeshes, NormalsFollowThePositions) {
       const double fold = std::clamp(t / 2, 0.0, 1.0);
       for (std::uint32_t v = 0; v < 8; ++v) {
         const float side = v < 4 ? -1.0f : 1.0f;
-        EXPECT_LT(length(posed_position(m, pose, v) - Vec3f{m.positions[v].x, m.positions[v].y,
-                                                            float(-fold * std::abs(m.positions[v].x))}),
+        EXPECT_LT(length(posed_position(m, pose, v) -
+                         Vec3f{m.positions[v].x, m.positions[v].y, float(-fold * std::abs(m.positions[v].x))}),
                   1e-6f);
         const bool ridge = m.positions[v].x == 0;
         const Vec3f face = normalize(Vec3f{side * float(fold), 0, 1});

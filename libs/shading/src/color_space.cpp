@@ -63,8 +63,8 @@ bool set_primaries(ColorSpace& space, const Chromaticities& c) {
   space.rec709 = true;
   for (std::size_t i = 0; i < 8; ++i) space.rec709 = space.rec709 && std::abs(c[i] - kRec709[i]) < 1e-3;
   if (space.rec709) return true;
-  const Affine3d m = inverse(xyz_from_rgb(kRec709)) * adaptation(xyz(c[6], c[7]), xyz(kRec709[6], kRec709[7])) *
-                     xyz_from_rgb(c);
+  const Affine3d m =
+      inverse(xyz_from_rgb(kRec709)) * adaptation(xyz(c[6], c[7]), xyz(kRec709[6], kRec709[7])) * xyz_from_rgb(c);
   if (!is_finite(m.x) || !is_finite(m.y) || !is_finite(m.z)) {
     space.rec709 = true;
     return false;
@@ -115,7 +115,8 @@ std::string lower(std::string_view text) {
 /// What OpenImageIO calls color spaces.
 std::optional<ColorSpace> oiio_color_space(const OIIO::ImageSpec& spec, const std::string& name, bool png) {
   ColorSpace space;
-  if (name == "linear" || name == "scene_linear" || name == "lin_srgb" || name == "lin_rec709" || name == "raw") return space;
+  if (name == "linear" || name == "scene_linear" || name == "lin_srgb" || name == "lin_rec709" || name == "raw")
+    return space;
   if (name == "srgb" || name == "srgb_texture") {
     space.transfer = ColorSpace::Transfer::kSrgb;
   } else if (name == "rec709") {
@@ -149,7 +150,8 @@ std::optional<ColorSpace> named_color_space(std::string_view id) {
   if (first == std::string_view::npos || second == std::string_view::npos) return std::nullopt;
   const std::string_view primaries = id.substr(first + 1, second - first - 1), reference = id.substr(second + 1);
   ColorSpace space;
-  if (!set_transfer(space, id.substr(0, first)) || (reference != "scene" && reference != "display")) return std::nullopt;
+  if (!set_transfer(space, id.substr(0, first)) || (reference != "scene" && reference != "display"))
+    return std::nullopt;
   if (primaries == "ciexyzd65" || primaries == "xyzd65") {
     set_matrix(space, inverse(xyz_from_rgb(kRec709)));
     return space;

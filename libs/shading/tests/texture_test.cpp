@@ -366,11 +366,13 @@ void write_pixel(const std::filesystem::path& file, OIIO::TypeDesc type, const s
   OIIO::ImageSpec spec(1, 1, int(rgb.size()), type);
   describe(spec);
   auto out = OIIO::ImageOutput::create(file.string());
-  ASSERT_TRUE(out && out->open(file.string(), spec) && out->write_image(OIIO::TypeDesc::FLOAT, rgb.data()) && out->close());
+  ASSERT_TRUE(out && out->open(file.string(), spec) && out->write_image(OIIO::TypeDesc::FLOAT, rgb.data()) &&
+              out->close());
 }
 
 // Linear Rec. 709 of a stored (0.5, 0.25, 0.75), computed by hand from the definitions: the curve, then the matrix from
-// the primaries (published for P3-D65, Rec. 2020 and ACEScg by their standards; with Bradford's adaptation for the last).
+// the primaries (published for P3-D65, Rec. 2020 and ACEScg by their standards; with Bradford's adaptation for the
+// last).
 TEST(ColorSpaces, FilesSayWhatTheirNumbersAre) {
   TemporaryFolder folder;
   const Rgb stored{0.5f, 0.25f, 0.75f};
@@ -383,9 +385,9 @@ TEST(ColorSpaces, FilesSayWhatTheirNumbersAre) {
     return Rgb{std::max(r.r, 0.0f), std::max(r.g, 0.0f), std::max(r.b, 0.0f)};
   };
   const std::array<float, 9> p3{1.22494f, -0.22494f, 0, -0.04206f, 1.04206f, 0, -0.01964f, -0.07864f, 1.09827f};
-  const std::array<float, 9> rec2020{1.66049f, -0.58764f, -0.07285f, -0.12455f, 1.13290f,
+  const std::array<float, 9> rec2020{1.66049f,  -0.58764f, -0.07285f, -0.12455f, 1.13290f,
                                      -0.00835f, -0.01815f, -0.10058f, 1.11873f};
-  const std::array<float, 9> ap1{1.70505f, -0.62179f, -0.08326f, -0.13026f, 1.14080f,
+  const std::array<float, 9> ap1{1.70505f,  -0.62179f, -0.08326f, -0.13026f, 1.14080f,
                                  -0.01055f, -0.02400f, -0.12897f, 1.15297f};
   struct Case {
     std::string id;
@@ -409,10 +411,9 @@ TEST(ColorSpaces, FilesSayWhatTheirNumbersAre) {
     for (const Case& c : cases) {
       ImageTextureParams params;
       params.file = folder / fmt::format("{}_{}.exr", c.id, int(type.basetype));
-      write_pixel(params.file, type, {stored.r, stored.g, stored.b},
-                  [&](OIIO::ImageSpec& spec) {
-                    if (!c.id.empty()) spec.attribute("colorInteropID", c.id);
-                  });
+      write_pixel(params.file, type, {stored.r, stored.g, stored.b}, [&](OIIO::ImageSpec& spec) {
+        if (!c.id.empty()) spec.attribute("colorInteropID", c.id);
+      });
       SCOPED_TRACE(c.id);
       const float tolerance = type == OIIO::TypeDesc::HALF ? 1e-3f : 2e-4f;
       expect_rgb(make_image_texture(params)->rgb(at(0.5f, 0.5f)), c.expected, tolerance);
@@ -473,7 +474,8 @@ TEST(ColorSpaces, UnknownOnesAreSaidOnce) {
   const auto texture = make_image_texture(params), again = make_image_texture(params);
   set_log_writer({});
   expect_rgb(texture->rgb(at(0.5f, 0.5f)), {0.5f, 0.25f, 0.75f});
-  EXPECT_NE(log.find("\"pq_rec2020_display\" (colorInteropID) is not known; taken as linear"), std::string::npos) << log;
+  EXPECT_NE(log.find("\"pq_rec2020_display\" (colorInteropID) is not known; taken as linear"), std::string::npos)
+      << log;
   EXPECT_EQ(std::count(log.begin(), log.end(), '\n'), 1) << log;
   EXPECT_FALSE(named_color_space("lin_rec709"));
   EXPECT_FALSE(named_color_space("lin_nothing_scene"));

@@ -20,7 +20,8 @@ std::span<const ParamSpec> cache_params();
 // Error{kUnknownName} for a camera, light, mesh or parameter that there is not, with those that there are;
 // Error{kBadInput | kOutOfRange} for a value that cannot be read, is out of range or does not fit the object.
 
-/// [cameras.<camera>] by name or index, then [camera] for the one that renders. `settings` says the size of the picture.
+/// [cameras.<camera>] by name or index, then [camera] for the one that renders. `settings` says the size of the
+/// picture.
 std::string edit_cameras(const ShotConfig& config, const RenderSettings& settings, Scene& scene);
 /// [lights.<light>]: lights by their own name or their node's, emitting objects by theirs.
 std::string edit_lights(const ShotConfig& config, const FrameClock& clock, Scene& scene);

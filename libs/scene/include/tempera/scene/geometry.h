@@ -35,10 +35,10 @@ struct Skin {
 struct CachedPositions {
   std::shared_ptr<const VertexCache> samples;  ///< null: none
   Affine3f mesh_from_cache;
-  std::uint32_t first_vertex = 0;      ///< of the cache: where vertex 0 of the mesh stands, if `vertices` is empty
+  std::uint32_t first_vertex = 0;       ///< of the cache: where vertex 0 of the mesh stands, if `vertices` is empty
   std::vector<std::uint32_t> vertices;  ///< of the cache, by vertex of the mesh; or empty
-  /// Vertices of one `fan_of` share a normal. The corners (indices into Mesh::indices) of the triangles around fan f are
-  /// fans[fan_begin[f]] to fans[fan_begin[f + 1] - 1]. Empty for flat meshes.
+  /// Vertices of one `fan_of` share a normal. The corners (indices into Mesh::indices) of the triangles around fan f
+  /// are fans[fan_begin[f]] to fans[fan_begin[f + 1] - 1]. Empty for flat meshes.
   std::vector<std::uint32_t> fan_of, fan_begin, fans;
 };
 

@@ -48,9 +48,9 @@ struct Shape {
 
 /// Places a group of shapes. Shapes used once are instances of a group of one.
 struct Instance {
-  int group = 0;     ///< Scene::groups index
-  int node = -1;     ///< Scene::nodes index, -1: identity
-  std::string name;  ///< object name for ids and cryptomatte
+  int group = 0;               ///< Scene::groups index
+  int node = -1;               ///< Scene::nodes index, -1: identity
+  std::string name;            ///< object name for ids and cryptomatte
   bool camera_visible = true;  ///< false: rays that come straight from the camera pass through it
 };
 

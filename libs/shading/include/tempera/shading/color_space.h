@@ -12,8 +12,8 @@ namespace tempera {
 struct ColorSpace {
   enum class Transfer { kLinear, kSrgb, kRec709, kGamma };
   Transfer transfer = Transfer::kLinear;
-  float gamma = 1;      ///< kGamma: linear = stored^gamma
-  bool rec709 = true;   ///< red, green, blue and white are those of Rec. 709; else the next three lead there
+  float gamma = 1;     ///< kGamma: linear = stored^gamma
+  bool rec709 = true;  ///< red, green, blue and white are those of Rec. 709; else the next three lead there
   Rgb red{1, 0, 0}, green{0, 1, 0}, blue{0, 0, 1};
 
   bool is_linear() const { return transfer == Transfer::kLinear && rec709; }
