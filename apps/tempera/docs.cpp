@@ -10,6 +10,7 @@
 #include "tempera/frames/files.h"
 #include "tempera/gallery/gallery.h"
 #include "tempera/pipeline/materials.h"
+#include "tempera/pipeline/scene_edits.h"
 
 namespace tempera {
 
@@ -100,7 +101,10 @@ std::string shot_page() {
   out += "\n## Tables with names of your own\n\n| table | keys | meaning |\n| --- | --- | --- |\n";
   for (const OpenTable& t : shot_tables()) {
     out += fmt::format("| `[{}]` | {} | {} |\n", t.depth == 2 ? t.name + ".<" + t.key_name + ">" : t.name,
-                       t.depth == 2 ? "`type` and its parameters" : t.key_name, cell(t.help));
+                       t.name == "materials" ? "`type` and its parameters"
+                       : t.depth == 2        ? "parameters, see below"
+                                             : t.key_name,
+                       cell(t.help));
   }
   out +=
       "\n## Materials\n\nA table `[materials.<name>]` replaces the material of that name in the scene. Colors are a "
@@ -110,6 +114,38 @@ std::string shot_page() {
     out += fmt::format("\n`type = \"{}\"`: {}.\n\n{}", m.name, m.help, params_table(m.params));
   }
   out += "\nAll types:\n\n" + params_table({common_material_params().begin(), common_material_params().end()});
+  const auto table = [](std::span<const ParamSpec> specs) { return params_table({specs.begin(), specs.end()}); };
+  out +=
+      "\n## Cameras\n\n`[camera]` changes the camera that renders, `[cameras.<name>]` the one of that name. Lengths, "
+      "angles and shifts are those of Blender's camera: with `sensor_fit = \"auto\"` the sensor's width lies along the "
+      "larger side of the picture, pixel aspect included; a shift is a fraction of that side and moves the window, x "
+      "to "
+      "the right and y up, so that what it shows moves the other way. What is at distance d along the view axis while "
+      "`focus_distance` is f spreads over a circle of confusion whose diameter is focal length^2 / f_stop x |d - f| / "
+      "(d (f - focal length)) on the sensor of a thin lens; here, as in Blender, the sensor is where the field of view "
+      "says, so f - focal length becomes f. An orthographic camera has no focal length: its lens has a radius of "
+      "1 / (2 f_stop) meters. `focus_object` names an object or node; it may move, and so may the camera. Frames with "
+      "a `pixel_aspect` hold it as the EXR attribute `pixelAspectRatio`, and motion vectors count in those pixels.\n\n"
+      "```toml\n[camera]\nname = \"Shot cam\"\nf_stop = 2.8\nfocus_distance = [[1, 2.5], [24, 4]]   # at frames, "
+      "linear in between\nshift_y = 0.1\n```\n";
+  out +=
+      "\n## Lights\n\nA table `[lights.<name>]` changes the light of that name in the scene, by the name of the light "
+      "or "
+      "of its object, or an object that emits. Parameters that do not apply to it are errors.\n\n" +
+      table(light_params()) +
+      "\nA point or spot with a `radius` becomes an emitting sphere: it is matter, so it casts shadows in the light of "
+      "others, and mirrors show it; the camera looks through it unless `camera_visible` says otherwise. A spot keeps "
+      "its "
+      "cone by direction. Its radiance is intensity / (pi radius^2). A sun with an `angle` has the radiance irradiance "
+      "/ "
+      "(pi sin^2(angle / 2)), so that a surface facing its middle gets the same irradiance. `spread` multiplies "
+      "radiance "
+      "by (tan(s) - tan(a)) / (tan(s) - s), where s is half of the spread and a the angle to the normal: the power "
+      "stays. `blend` is Blender's: smoothstep of the cosine over the fraction `blend` of 1 - cos(cone / 2).\n";
+  out +=
+      "\n## Vertex caches\n\nA table `[caches.<name>]` moves the vertices of an object, or of a mesh, by a file of "
+      "positions; [formats.md](formats.md#vertex-caches) says how to write one.\n\n" +
+      table(cache_params());
   return out;
 }
 

@@ -171,6 +171,11 @@ void write_frame(const std::string& path, const Frame& frame, const WriteOptions
       spec.attribute("FramesPerSecond", OIIO::TypeRational, rational);
     }
   }
+  if (const auto aspect = metadata.find(kPixelAspectKey); aspect != metadata.end()) {  // the standard one, for viewers
+    if (const double* v = std::get_if<double>(&aspect->second); v && *v > 0) {
+      spec.attribute("PixelAspectRatio", float(*v));
+    }
+  }
   // The library would add the time of day, and the same frame would not give the same file.
   if (!metadata.contains("DateTime")) spec.attribute("DateTime", "");
   if (options.names == AovNames::kTempera) spec.attribute(kLayersAttribute, layers_text(frame));
@@ -345,7 +350,7 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
   for (const FileChannel& c : f.channels) names.push_back(c.name);
   f.layers = layers_of_channels(names, options.rename);
   f.header.metadata = metadata_of(first);
-  f.srgb = !exr && (first.format == OIIO::TypeDesc::UINT8 || first.format == OIIO::TypeDesc::UINT16);
+  f.srgb = options.decode && !exr && (first.format == OIIO::TypeDesc::UINT8 || first.format == OIIO::TypeDesc::UINT16);
   if (!exr) {
     for (LayerSource& l : f.layers) {
       if (l.desc.name == "color") l.desc.unit = units::kRadiance;

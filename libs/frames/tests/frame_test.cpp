@@ -213,6 +213,14 @@ TEST_F(FrameFile, PlayersFindTheFrameRate) {
   EXPECT_EQ(read_metadata(path("f.exr")), f.metadata);
 }
 
+TEST_F(FrameFile, ViewersFindThePixelAspect) {
+  Frame f = frame_of({layers::color()}, 4, 4);
+  f.metadata[kPixelAspectKey] = 1.25;
+  write_frame(path("f.exr"), f);
+  EXPECT_EQ(OIIO::ImageInput::open(path("f.exr"))->spec().get_float_attribute("PixelAspectRatio"), 1.25f);
+  EXPECT_EQ(read_metadata(path("f.exr")), f.metadata) << "stages write it again";
+}
+
 // --- Files of other programs, made with OpenImageIO
 // --------------------------------------------------------------------
 

@@ -54,6 +54,15 @@ void set_footprint(const FrameContext& context, const CameraSample& camera, cons
   s.duv_dy = footprint({0, 1});
 }
 
+void pass_unseen(const FrameContext& context, Ray& ray, const SurfacePoint& point) {
+  Vec3f ng;
+  const Vec3f p = context.rays.position(point, ray.time, &ng);
+  const Vec3f o = context.rays.offset_origin(p, ng, ray.d);
+  ray.tmax -= dot(o - ray.o, ray.d);  // a camera's rays have unit directions
+  ray.o = o;
+  ray.tmin = 0;
+}
+
 float transmittance(const FrameContext& context, Ray ray, int edges_left) {
   float t = 1;
   for (int i = 0; i < kMaxVertices; ++i) {

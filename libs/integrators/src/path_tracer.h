@@ -117,6 +117,19 @@ inline float mask_number(const SampleStream& stream, std::uint32_t index, int k)
   return k == 0 ? u : to_unit_float(std::uint32_t(mix64(std::bit_cast<std::uint32_t>(u) + (std::uint64_t(k) << 32))));
 }
 
+/// Moves the origin of `ray` past the surface that it meets at `point`.
+void pass_unseen(const FrameContext& context, Ray& ray, const SurfacePoint& point);
+
+/// What `ray` meets first; the origin moves past what the camera does not see, for rays that come straight from there.
+inline bool intersect_seen(const FrameContext& context, bool from_camera, Ray& ray, Hit& hit) {
+  for (int i = 0; context.rays.intersect(ray, hit); ++i) {
+    if (!from_camera || context.scene.instances[hit.point.instance].camera_visible) return true;
+    if (i == kMaxVertices) return false;
+    pass_unseen(context, ray, hit.point);
+  }
+  return false;
+}
+
 enum class EdgeEnd { kSurface, kEnvironment, kLost };
 
 /// Follows `ray` to the surface that stops it, vertex `index` of the path. `passed` counts the masks on the way,
@@ -125,7 +138,7 @@ inline EdgeEnd follow(const FrameContext& context, const SampleStream& stream, s
                       const CameraSample* camera, Vertex& v, int& passed, float& clear) {
   passed = 0, clear = 1;
   for (; passed < kMaxVertices; ++passed) {
-    if (!context.rays.intersect(ray, v.hit)) return EdgeEnd::kEnvironment;
+    if (!intersect_seen(context, camera, ray, v.hit)) return EdgeEnd::kEnvironment;
     new (&v.s) ShadingPoint(context.rays.shading_point(v.hit.point, ray.time, -ray.d));  // made in place, not copied
     v.shape = &context.rays.shape(v.hit.point);
     if (camera && v.material().needs_footprint()) set_footprint(context, *camera, v.hit.point, v.s);

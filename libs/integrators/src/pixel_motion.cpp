@@ -22,8 +22,14 @@ PixelView view_pixel(const FrameContext& context, int x, int y) {
   view.time = middle(context.settings, context.frame, y);
   view.ray = context.camera.ray({float(x) + 0.5f, float(y) + 0.5f}, {0.5f, 0.5f}, view.time);
   Ray ray{view.ray.o, view.ray.d, view.ray.tmin, view.ray.tmax, view.time};
-  const RayScene& rays = context.at(view.time).rays;
-  auto hit = rays.intersect(ray);
+  const FrameContext& now = context.at(view.time);
+  const RayScene& rays = now.rays;
+  const auto next = [&]() -> std::optional<Hit> {
+    Hit hit;
+    if (!intersect_seen(now, true, ray, hit)) return std::nullopt;
+    return hit;
+  };
+  auto hit = next();
   for (int i = 0; hit && rays.has_opacity() && i < kMaxVertices; ++i) {  // look through what is mostly transparent
     const Material& material = *rays.shape(hit->point).material;
     if (!material.has_opacity()) break;
@@ -31,7 +37,7 @@ PixelView view_pixel(const FrameContext& context, int x, int y) {
     if (material.opacity(s) >= 0.5f) break;
     ray.o = rays.offset_origin(s.p, s.ng, ray.d);
     ray.tmin = 0;
-    hit = rays.intersect(ray);
+    hit = next();
   }
   if (hit) {
     view.point = hit->point;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // An open box with a ball under lights of every kind.
+#include "tempera/scene/light_shape.h"
 #include "test_shot.h"
 
 namespace tempera {
@@ -45,6 +46,11 @@ struct BoxShot : TestShot {
     light.beam_width = 0.5f;
     light.node = node(Affine3d(look_at(Vec3f{-0.3f, 0.8f, 0.5f}, Vec3f{0.2f, -0.8f, 0}, Vec3f{0, 0, 1})));
     scene.lights.push_back(light);
+    return *this;
+  }
+  /// Gives the last lamp a radius.
+  BoxShot& sized(float radius) {
+    make_sphere_light(scene, int(scene.lights.size()) - 1, radius, false);
     return *this;
   }
   BoxShot& sky() {

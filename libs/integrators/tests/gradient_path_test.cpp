@@ -124,6 +124,21 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"penumbra", [] { return BoxShot(kWhite, kWhite).area_light(0.05f); }},
         Case{"point", [] { return BoxShot(kWhite, kWhite).lamp(LightType::kPoint); }},
         Case{"spot", [] { return BoxShot(kWhite, kWhite).lamp(LightType::kSpot); }},
+        Case{"sphere_light", [] { return BoxShot(kWhite, kWhite).lamp(LightType::kPoint).sized(0.1f); }},
+        Case{"soft_spot", [] { return BoxShot(kWhite, kWhite).lamp(LightType::kSpot).sized(0.1f); }},
+        Case{"spread",
+             [] {
+               BoxShot s = BoxShot(kWhite, kWhite).area_light();
+               s.scene.shapes.back().emission->half_spread = 0.5f;
+               return s;
+             }},
+        Case{"sun",
+             [] {
+               BoxShot s = BoxShot(kWhite, kWhite).lamp(LightType::kDirectional);
+               s.scene.lights[0].angle = 0.3f;
+               s.scene.nodes.back().local = Affine3d(look_at(Vec3f{0.5f, 0.7f, 2}, Vec3f{0, 0, 0}, Vec3f{0, 1, 0}));
+               return s;
+             }},
         Case{"sky", [] { return BoxShot(kWhite, kWhite).sky(); }},
         Case{"glossy", [] { return BoxShot(rough(0.15f), kWhite).area_light(); }},
         Case{"glossy_copied",

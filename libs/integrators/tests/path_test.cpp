@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 
+#include "tempera/scene/light_shape.h"
 #include "test_shot.h"
 
 namespace tempera {
@@ -481,6 +482,42 @@ TEST(Path, MasksLetLightThrough) {
   l.node = lit.node(translate(Vec3d{0, 0, 2}));
   lit.scene.lights = {l};
   EXPECT_TRUE(PixelsEstimate(0.75 * 0.5 * 3 / kPiD / 4, lit.render().layer("color")));
+}
+
+// A sphere light over a plane, straight in front of the camera, which looks through it; a mirror shows it. The same for
+// the disk of a sun.
+TEST(Path, SizedLightsAreSeenByMirrorsAndNotByTheCamera) {
+  const auto plane = [](const MaterialPtr& material, LightType type, bool visible) {
+    TestShot shot;
+    Mesh rectangle = make_rectangle();
+    transform(rectangle, scale(Vec3d{100, 100, 1}));
+    shot.add(rectangle, material);
+    shot.orthographic(0.01f);
+    PunctualLight l;
+    l.type = type;
+    l.intensity = Rgb(3);
+    l.angle = 0.4f;
+    l.camera_visible = visible;
+    l.node = shot.node(Affine3d(look_at(Vec3f{0, 0, 2}, Vec3f{0, 0, 0}, Vec3f{0, 1, 0})));
+    shot.scene.lights = {l};
+    if (type == LightType::kPoint) make_sphere_light(shot.scene, 0, 0.5f, visible);
+    shot.settings.width = shot.settings.height = 8;
+    shot.settings.layers = {"color", "depth", "object_id"};
+    return shot.render();
+  };
+  const MaterialPtr diffuse = make_diffuse(0.5f), mirror = make_conductor({});
+  const double sphere = 3 / (kPiD * 0.25), sun = 3 / (kPiD * std::pow(std::sin(0.2), 2));
+  const Frame through = plane(diffuse, LightType::kPoint, false);
+  EXPECT_TRUE(PixelsEstimate(0.5 * 3 / kPiD / 4, through.layer("color")));
+  EXPECT_NEAR(through.layer("depth").at(3, 4), 5, 1e-4);
+  EXPECT_EQ(through.layer("object_id").at(3, 4), 1);
+  EXPECT_TRUE(PixelsEstimate(sphere, plane(mirror, LightType::kPoint, false).layer("color")));
+  const Frame seen = plane(diffuse, LightType::kPoint, true);
+  EXPECT_TRUE(PixelsEstimate(sphere, seen.layer("color")));
+  EXPECT_NEAR(seen.layer("depth").at(3, 4), 2.5, 1e-3);
+  EXPECT_EQ(seen.layer("object_id").at(3, 4), 2);
+  EXPECT_TRUE(PixelsEstimate(0.5 * 3 / kPiD, plane(diffuse, LightType::kDirectional, false).layer("color")));
+  EXPECT_TRUE(PixelsEstimate(sun, plane(mirror, LightType::kDirectional, false).layer("color")));
 }
 
 TEST(Path, VarianceLayerPredictsTheSpread) {

@@ -26,6 +26,7 @@ CameraModel::CameraModel(const Scene& scene, int index, int width, int height, T
   perspective_ = camera.projection == Projection::kPerspective;
   offset_ = Vec2d(camera.principal_offset);
   near_ = camera.near_clip, far_ = camera.far_clip;
+  aspect_ = size_.x / size_.y * camera.pixel_aspect;
   if (!(near_ >= 0 && near_ < far_)) {
     fail(scene, camera, ErrorCode::kOutOfRange,
          fmt::format("has clipping distances {} and {}; valid: 0 <= near < far", near_, far_));
@@ -41,7 +42,9 @@ CameraModel::CameraModel(const Scene& scene, int index, int width, int height, T
   const TimeSpan knots{grid.time(grid.first(span)), grid.time(grid.last(span))};
   const bool changes = scene.moves(camera.node, knots) ||
                        (perspective_ ? camera.fov_x.varies_over(knots) : camera.width.varies_over(knots)) ||
-                       camera.aperture_radius.varies_over(knots) || camera.focus_distance.varies_over(knots);
+                       camera.aperture_radius.varies_over(knots) || camera.f_stop.varies_over(knots) ||
+                       camera.focus_distance.varies_over(knots) ||
+                       (camera.focus_node >= 0 && scene.moves(camera.focus_node, knots));
   if (!changes) {
     still_ = compose(sample(scene, camera, {span.begin, span.begin}));
     return;
@@ -63,7 +66,9 @@ void camera_jumps(const Scene& scene, const Camera& camera, TimeSpan span, std::
     camera.width.jumps(span, out);
   }
   camera.aperture_radius.jumps(span, out);
+  camera.f_stop.jumps(span, out);
   camera.focus_distance.jumps(span, out);
+  scene.jumps(camera.focus_node, span, out);
 }
 
 CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, const MotionPieces::Knot& at) const {
@@ -89,19 +94,27 @@ CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, 
   const double half_width =
       perspective_ ? std::tan(in_range(camera.fov_x.at(t, piece), 0, kPiD, "a horizontal field of view of", "0 to pi") / 2)
                    : in_range(camera.width.at(t, piece), 0, kHuge, "a width of", "above 0") / 2;
-  const double aspect = size_.x / size_.y;
   if (camera.keep_vertical_fov) {
     k.half_height = half_width / in_range(camera.authored_aspect, 0, kHuge, "an aspect ratio of", "above 0");
-    k.half_width = k.half_height * aspect;
+    k.half_width = k.half_height * aspect_;
   } else {
     k.half_width = half_width;
-    k.half_height = half_width / aspect;
+    k.half_height = half_width / aspect_;
   }
-  if (perspective_) {
-    k.aperture = in_range(camera.aperture_radius.at(t, piece), -1e-30, kHuge, "an aperture radius of", "0 or more");
-    k.focus = camera.focus_distance.at(t, piece);
-    if (k.aperture > 0) in_range(k.focus, 0, kHuge, "a focus distance of", "above 0");
+  const double f_stop = in_range(camera.f_stop.at(t, piece), -1e-30, kHuge, "an f-stop of", "0 or more");
+  k.aperture = in_range(camera.aperture_radius.at(t, piece), -1e-30, kHuge, "an aperture radius of", "0 or more");
+  if (f_stop > 0) {
+    const bool across = camera.sensor_fit == SensorFit::kHorizontal ||
+                        (camera.sensor_fit == SensorFit::kAuto && k.half_width >= k.half_height);
+    const double focal_length = perspective_ ? in_range(camera.sensor_size, 0, kHuge, "a sensor size of", "above 0") /
+                                                   (2 * (across ? k.half_width : k.half_height))
+                                             : 1.0;
+    k.aperture = focal_length / (2 * f_stop);
   }
+  k.focus = camera.focus_node < 0
+                ? camera.focus_distance.at(t)
+                : std::abs(dot(scene.world(camera.focus_node, t).translation - m.translation, normalize(m.z)));
+  if (k.aperture > 0) in_range(k.focus, 0, kHuge, "a focus distance of", "above 0");
   return k;
 }
 
@@ -139,14 +152,15 @@ CameraRay CameraModel::ray(const Vec2f& pixel, const Vec2f& lens, double t) cons
     const double x = (1 - 2 * (pixel.x / size_.x - offset_.x)) * p.half_width;
     const double y = (1 - 2 * (pixel.y / size_.y - offset_.y)) * p.half_height;
     CameraRay r;
-    if (!perspective_) {
+    if (!perspective_ && !(p.aperture > 0)) {
       r.o = Vec3f(m.translation + m.x * x + m.y * y);
       r.d = Vec3f(m.z);
       r.tmin = float(near_), r.tmax = float(far_);
       return r;
     }
-    Vec3d d = m.vector({x, y, 1});  // to the plane at distance 1 from the lens
-    Vec3d o = m.translation;
+    // To the plane at distance 1 from the lens.
+    Vec3d d = perspective_ ? m.vector({x, y, 1}) : m.z;
+    Vec3d o = perspective_ ? m.translation : m.translation + m.x * x + m.y * y;
     if (p.aperture > 0) {
       const Vec2f disk = square_to_disk(lens);
       const Vec3d offset = p.lens_x * (disk.x * p.aperture) + p.lens_y * (disk.y * p.aperture);

@@ -471,6 +471,8 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     info.render_seconds = earlier + now() - frame_begin;
     set_render_info(frame.metadata, info);
     frame.metadata[kFingerprintKey] = print;
+    const double aspect = scene.cameras[std::size_t(shot.settings.camera)].pixel_aspect;
+    if (aspect != 1) frame.metadata[kPixelAspectKey] = aspect;
     if (shot.settings.crop_width > 0) {  // layers of pixel indices count in the full picture
       frame.metadata["tempera/crop_left"] = shot.settings.crop_x;
       frame.metadata["tempera/crop_top"] = shot.settings.crop_y;

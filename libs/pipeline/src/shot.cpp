@@ -12,7 +12,9 @@
 #include "shot_motion.h"
 #include "tempera/frames/files.h"
 #include "tempera/pipeline/materials.h"
+#include "tempera/pipeline/scene_edits.h"
 #include "tempera/scene/default_view.h"
+#include "tempera/shading/color_space.h"
 #include "tempera/stages/reconstruct.h"
 
 namespace tempera {
@@ -148,8 +150,9 @@ void settle_clock(const ShotConfig& config, const RenderDefaults& defaults, Fram
 }
 
 int find_camera(const ShotConfig& config, const Scene& scene) {
-  if (!config.find("camera")) return scene.default_camera;
-  const std::string& wanted = config.get_string("camera");
+  const char* key = config.find("camera") ? "camera" : "camera.name";
+  if (!config.find(key)) return scene.default_camera;
+  const std::string& wanted = config.get_string(key);
   std::vector<std::string> names;
   for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
     if (scene.cameras[i].name == wanted) return int(i);
@@ -160,7 +163,7 @@ int find_camera(const ShotConfig& config, const Scene& scene) {
   if (ec == std::errc() && end == wanted.data() + wanted.size() && index >= 0 && index < int(scene.cameras.size())) {
     return index;
   }
-  throw Error(ErrorCode::kUnknownName, config.loc("camera"),
+  throw Error(ErrorCode::kUnknownName, config.loc(key),
               fmt::format("the scene has no camera \"{}\"; it has: {}", wanted, nearest_names(wanted, names)));
 }
 
@@ -330,13 +333,24 @@ void replace_environment(const ShotConfig& config, Shot& shot, Scene& scene) {
   if (config.find("environment.image")) {
     const std::string path = config.input_path("environment.image").string();
     try {
-      const Frame frame = read_frame(path);
+      ReadOptions stored;
+      stored.decode = false;
+      const Frame frame = read_frame(path, stored);
       const Image& image = frame.layer("color");
+      const std::string& id = config.get_string("environment.color_space");
+      const std::optional<ColorSpace> space = id.empty() ? file_color_space(path) : named_color_space(id);
+      if (!space) {
+        throw Error(ErrorCode::kUnknownName, config.loc("environment.color_space"),
+                    fmt::format("the color space \"{}\" is not known; write for example lin_rec709_scene, "
+                                "srgb_rec709_scene, lin_ap1_scene or data",
+                                id));
+      }
+      shot.edits += fmt::format(",space={}", id);
       env.width = image.width(), env.height = image.height();
       env.image.reserve(std::size_t(image.pixels()));
       for (int y = 0; y < env.height; ++y) {
         for (int x = 0; x < env.width; ++x) {
-          const Rgb c = image.rgb(x, y);
+          const Rgb c = space->to_linear(image.rgb(x, y));
           // Overexposed or damaged pixels of captured maps; one would poison every sample of the light.
           const auto safe = [](float v) { return std::isfinite(v) && v > 0 ? v : 0.0f; };
           env.image.push_back({safe(c.r), safe(c.g), safe(c.b)});
@@ -344,17 +358,35 @@ void replace_environment(const ShotConfig& config, Shot& shot, Scene& scene) {
       }
       shot.edits += fmt::format(",image={:016x}", hash_bytes(read_file(path)));
     } catch (const Error& e) {
+      if (e.loc().line > 0 || e.loc().file == ShotConfig::kCommandLine().file) throw;
       throw Error(e.code(), config.loc("environment.image"), e.what());
     }
   }
-  const double degrees = config.get_double("environment.rotation");
-  if (degrees != 0) {
+  const auto degrees = numbers<double>(config, "environment.rotation", 0, "an angle, or three around x, y and z");
+  const bool finite = std::all_of(degrees.begin(), degrees.end(), [](double d) { return std::abs(d) < 1e9; });
+  if ((degrees.size() != 1 && degrees.size() != 3) || !finite) {
+    throw Error(ErrorCode::kBadInput, config.loc("environment.rotation"),
+                fmt::format("environment.rotation = \"{}\" cannot be read; write one angle, or three around x, y and z",
+                            config.get_string("environment.rotation")));
+  }
+  const auto turn = [](const Vec3d& axis, double angle) {
+    return Affine3d(rotation(axis_angle(axis, angle * kPiD / 180)));
+  };
+  const Vec3d x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1};
+  Affine3d world_from_picture = turn(y, degrees[0]);
+  if (degrees.size() == 3) {
+    // Blender turns directions by its mapping before it looks into the picture, in whose middle is x and on top z.
+    constexpr Affine3d kFromBlender{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}};
+    const Affine3d mapping = turn(z, degrees[2]) * turn(y, degrees[1]) * turn(x, degrees[0]);
+    world_from_picture = kFromBlender * inverse(mapping) * inverse(kFromBlender) * turn(y, 90);
+  }
+  if (degrees.size() == 3 || degrees[0] != 0) {
     Node node;
     node.name = "shot environment";
-    node.local = AnimatedTransform(rotation(axis_angle(Vec3d{0, 1, 0}, degrees * kPiD / 180)));
+    node.local = AnimatedTransform(world_from_picture);
     env.node = int(scene.nodes.size());
     scene.nodes.push_back(std::move(node));
-    shot.edits += fmt::format(",rotation={}", degrees);
+    shot.edits += fmt::format(",rotation={}", fmt::join(degrees, ","));
   }
   const bool keep = config.get_bool("environment.keep");
   shot.edits += keep ? ",keep;" : ";";
@@ -462,6 +494,8 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   settle_film(config, scene, s);
   settle_clock(config, scene.defaults, s.clock);
   s.camera = find_camera(config, scene);
+  shot.edits += edit_cameras(config, s, scene);
+  shot.edits += attach_caches(config, s.clock, scene);
   s.spp = config.find("sampling.spp") ? config.get_int("sampling.spp") : scene.defaults.spp.value_or(s.spp);
   s.seed = std::uint64_t(config.get_int("sampling.seed"));
   s.seed_per_frame = config.get_bool("sampling.seed_per_frame");
@@ -495,6 +529,7 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   shot.video.display.tone_map = parse_tone_map(config.get_string("video.tone_map"));
   replace_environment(config, shot, scene);
   replace_materials(config, shot, scene);
+  shot.edits += edit_lights(config, s.clock, scene);
   if (!has_light(scene)) {
     add_default_light(scene);
     log_warning(

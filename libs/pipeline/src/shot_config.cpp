@@ -132,10 +132,15 @@ ParamValue scalar(const toml::node& node, const std::string& key, const SourceLo
 }
 
 /// The elements joined by ',': the text that the command line would have.
-std::string joined(const toml::array& array, const std::string& key, const std::string& file) {
+std::string joined(const toml::array& array, const std::string& key, const std::string& file, bool keyframes,
+                   char separator = ',') {
   std::string text;
   for (const toml::node& element : array) {
-    if (!text.empty()) text += ',';
+    if (!text.empty()) text += separator;
+    if (const auto* pair = element.as_array(); pair && keyframes) {
+      text += joined(*pair, key, file, false, ':');
+      continue;
+    }
     text += to_text(scalar(element, key, place(file, element.source())));
   }
   return text;
@@ -179,7 +184,7 @@ void ShotConfig::read_text(std::string_view text, const std::string& file, const
           throw Error(ErrorCode::kBadInput, loc,
                       fmt::format("{} is an array; expected a {}", dotted, type_name(fixed->spec.fallback)));
         }
-        set(key, joined(*array, dotted, file), false, loc, key_loc);
+        set(key, joined(*array, dotted, file, fixed ? fixed->keyframes : open->depth == 2), false, loc, key_loc);
       } else if (node.is_table()) {
         throw unknown_table(key, key_loc);
       } else {

@@ -2,6 +2,7 @@
 // The keys of shot.toml. What stands here is what --help, docs/shot.md and the parser know.
 #include <algorithm>
 
+#include "tempera/pipeline/scene_edits.h"
 #include "tempera/pipeline/shot_config.h"
 #include "tempera/stages/reconstruct.h"
 
@@ -42,6 +43,8 @@ std::vector<ShotKey> own_keys() {
        "--filter", "NAME[:RADIUS]", "the scene's, else box"},
       {{"film.filter_radius", 0.0, "radius of the filter in pixels; 0: the filter's usual one", 0, 16}, "", "PIXELS"},
 
+      {{"camera.name", "", "as `camera`, which cannot stand beside this table in one file"}, "", "NAME", "the scene's first or active one"},
+
       {{"sampling.spp", 64, "samples per pixel", 1, 1 << 24}, "--spp", "N", "the scene's, else 64"},
       {{"sampling.seed", 0, "seed of all random numbers", 0, kMany}, "--seed", "N"},
       {{"sampling.seed_per_frame", true, "false: every frame has the same noise pattern"}, "", ""},
@@ -60,7 +63,9 @@ std::vector<ShotKey> own_keys() {
 
       {{"environment.image", "", "latitude-longitude image that lights the scene, in place of the scene's own environment"}, "", "FILE"},
       {{"environment.radiance", "", "constant radiance, or factor of the image: a number or three"}, "", "RGB", "1 if any key of this table is given", true},
-      {{"environment.rotation", 0.0, "turn about the vertical axis in degrees, counterclockwise from above", -kMany, kMany}, "", "DEGREES"},
+      {{"environment.color_space", "", "what the image's numbers are, e.g. srgb_rec709_scene"}, "", "NAME", "what the file says, else sRGB for integers and linear for floats"},
+      {{"environment.rotation", "0", "turn about the vertical axis in degrees, counterclockwise from above; or the three angles x, y, z of "
+        "Blender's mapping of its world's texture, for which [0, 0, a] is 90 - a"}, "", "DEGREES", "", true},
       {{"environment.camera_visible", true, "whether the camera sees it"}, "", ""},
       {{"environment.keep", false, "add to the scene's own environment instead of replacing it"}, "", ""},
 
@@ -80,15 +85,21 @@ std::vector<ShotKey> own_keys() {
   };
 }
 
-/// With the parameters of the stages, each below the keys that are the shot's own in its table.
+/// With the parameters of cameras and stages, each below the keys that are the shot's own in its table.
 std::vector<ShotKey> all_keys() {
   std::vector<ShotKey> all = own_keys();
-  auto at = std::find_if(all.begin(), all.end(), [](const ShotKey& k) { return k.spec.name == "reconstruct.path"; });
-  for (const ParamSpec& s : reconstruct_params()) {
-    ShotKey key{s, ""};
-    key.spec.name = "reconstruct." + s.name;
-    at = all.insert(std::next(at), std::move(key));
-  }
+  const auto add = [&](const std::string& table, const char* after, std::span<const ParamSpec> params, bool of_scene) {
+    auto at = std::find_if(all.begin(), all.end(), [&](const ShotKey& k) { return k.spec.name == after; });
+    for (const ParamSpec& s : params) {
+      ShotKey key{s, ""};
+      key.spec.name = table + s.name;
+      if (of_scene) key.fallback_help = "the scene's";
+      key.list = key.keyframes = of_scene && std::holds_alternative<std::string>(s.fallback) && s.choices.empty();
+      at = all.insert(std::next(at), std::move(key));
+    }
+  };
+  add("camera.", "camera.name", camera_params(), true);
+  add("reconstruct.", "reconstruct.path", reconstruct_params(), false);
   return all;
 }
 }  // namespace
@@ -106,6 +117,9 @@ std::span<const OpenTable> shot_tables() {
        "as classes, but checked to be disjoint; with the layer class.residual.color they add up to color"},
       {"define", "name", "values of the scene file's own parameters (Mitsuba's $name)"},
       {"materials", "material", "materials that replace those of this name in the scene: type and its parameters", 2},
+      {"cameras", "camera", "as [camera], for the camera of this name whether or not it renders", 2},
+      {"lights", "light", "changes of the light, or of the emitting object, of this name", 2},
+      {"caches", "mesh", "vertex cache that moves the object's or mesh's vertices", 2},
   };
   return tables;
 }

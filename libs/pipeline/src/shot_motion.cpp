@@ -127,6 +127,7 @@ void cut_motion(Scene& scene, const FrameClock& clock, std::vector<int> declared
       end_flight(camera.fov_x);
       end_flight(camera.width);
       end_flight(camera.aperture_radius);
+      end_flight(camera.f_stop);
       end_flight(camera.focus_distance);
     }
   }
@@ -196,8 +197,9 @@ std::vector<TimeSpan> animated_exposures(const Scene& scene, const FrameClock& c
   TimeSpan span = scene.animation;
   for (const Shape& shape : scene.shapes) {
     const auto* mesh = std::get_if<Mesh>(&shape.geometry);
-    if (!mesh || mesh->cache.size() < 2) continue;
-    span = {std::min(span.begin, mesh->cache.front().time), std::max(span.end, mesh->cache.back().time)};
+    if (!mesh || !mesh->cache.samples) continue;
+    const std::vector<double>& times = mesh->cache.samples->times();
+    span = {std::min(span.begin, times.front()), std::max(span.end, times.back())};
   }
   std::vector<TimeSpan> exposures;
   if (!(span.length() > 0)) return exposures;

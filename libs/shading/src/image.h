@@ -56,7 +56,7 @@ struct ImageRequest {
   std::filesystem::path file;  ///< read this, or `encoded` if it is not empty
   std::string_view encoded;
   std::string name;           ///< for messages and to recognise the same image again
-  bool auto_encoding = true;  ///< integers are sRGB, floats linear; else `srgb` says
+  bool auto_encoding = true;  ///< as the file says, see file_color_space; else `srgb` says
   bool srgb = false;
   bool mipmap = false;
 };

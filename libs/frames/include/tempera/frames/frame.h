@@ -77,6 +77,7 @@ void write_frame(const std::string& path, const Frame& frame, const WriteOptions
 struct ReadOptions {
   std::vector<std::string> layers;  ///< names of the layers to keep; empty: all. One that the file lacks is an error.
   bool rename = true;               ///< translate the names of other programs to ours where they are unambiguous
+  bool decode = true;               ///< integers of pictures are sRGB; else they come as the fractions that are stored
   std::int64_t max_values = std::int64_t(1) << 32;  ///< largest number of pixels x channels that is accepted
 };
 

@@ -70,8 +70,9 @@ class CameraModel {
   Vec2f to_pixel(double x, double y) const;
 
   bool perspective_;
-  Vec2d size_;    ///< of the film in pixels
-  Vec2d offset_;  ///< of the picture in fractions of its size
+  Vec2d size_;     ///< of the film in pixels
+  double aspect_;  ///< of the picture: width over height
+  Vec2d offset_;   ///< of the picture in fractions of its size
   double near_, far_;
   Pose still_;  ///< of a camera that does not change
   MotionPieces pieces_;

@@ -22,6 +22,7 @@ struct ShotKey {
   std::string value_name{};     ///< what --help calls the value, e.g. "WxH"
   std::string fallback_help{};  ///< what holds when the key is absent, if that is not spec.fallback
   bool list = false;            ///< an array is accepted in TOML; its elements are joined by ','
+  bool keyframes = false;       ///< they may be arrays themselves, whose elements are joined by ':'
 };
 /// All of them, in the order of the manual.
 std::span<const ShotKey> shot_keys();

@@ -13,7 +13,7 @@ struct MeshPose {
   Affine3f world;                ///< of the node that the mesh is instanced at; identity for a skinned mesh
   std::vector<Affine3f> joints;  ///< mesh space (at bind) to the world
   std::vector<float> morph_weights;
-  std::size_t cache_index = 0;  ///< vertex cache: samples cache_index and cache_index + 1 ...
+  std::size_t cache_index = 0;  ///< vertex cache: samples cache_index and, unless the weight is 0, cache_index + 1 ...
   float cache_blend = 0;        ///< ... mixed with this weight
 };
 

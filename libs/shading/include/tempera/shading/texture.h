@@ -72,7 +72,8 @@ struct Slot {
 
 enum class Wrap { kRepeat, kClamp, kMirror, kBlack };
 enum class TextureFilter { kNearest, kBilinear, kMipmap };
-/// How stored numbers become values: kAuto decodes 8-bit color images from sRGB and leaves float images alone.
+/// How stored numbers become values: kAuto converts from the color space that the file states (see color_space.h),
+/// kSrgb takes any file as sRGB, kLinear takes numbers as they are stored: for data.
 enum class ColorEncoding { kAuto, kSrgb, kLinear };
 
 /// u,v -> (a u + b v + c, d u + e v + f).
