@@ -135,8 +135,8 @@ void render_gallery_scene(Program& program, RenderGalleryFlags& flags, const Gal
   flags.render.shot.preset("output.path", (folder / kind / (stem + ".####.exr")).string());
   const Shot shot = render_shot(program, flags.render);
   if (!flags.render.replay.empty()) return;
-  const ProgressKind kind = flags.render.progress_kind(program);
-  if (kind != ProgressKind::kJson && kind != ProgressKind::kOpenJd) std::printf("%s\n", shot.output.c_str());
+  const ProgressKind progress = flags.render.progress_kind(program);
+  if (progress != ProgressKind::kJson && progress != ProgressKind::kOpenJd) std::printf("%s\n", shot.output.c_str());
   hint_at_reconstruction(shot);
 }
 

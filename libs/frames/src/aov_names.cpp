@@ -39,7 +39,7 @@ const std::vector<BlenderPass>& blender_passes() {
   // y is up for us, z for Blender: its (x, y, z) is our (x, -z, y).
   const std::vector<BlenderPass::Channel> rgb{{"R", 0}, {"G", 1}, {"B", 2}}, rgba{{"R", 0}, {"G", 1}, {"B", 2}, {"A", 3}},
       z_up{{"X", 0}, {"Y", 2, {-1}}, {"Z", 1}};
-  // The names of Blender 5 (checked with files of its Cycles). Earlier rows win over later ones; only the first row of a layer is written.
+  // The names of Blender 5 (checked with files that Cycles of 5.2.3 wrote). Earlier rows win over later ones; only the first row of a layer is written.
   static const std::vector<BlenderPass> passes{
       {"color", "Combined", rgba},
       {"albedo", "Denoising Albedo", rgb},

@@ -95,7 +95,7 @@ Error not_exr(const std::string& path, const std::string& instead) {
 }  // namespace
 
 bool has_extension(const std::string& path, std::string_view extension) {
-  return "." + lower_extension(path) == extension;
+  return !extension.empty() && lower_extension(path) == extension.substr(1);
 }
 
 std::string output_pattern(const std::string& path, const std::string& name, bool single) {
@@ -104,12 +104,12 @@ std::string output_pattern(const std::string& path, const std::string& name, boo
   const FramePlace place = find_frame_place(path);
   if (place.length > 0) {
     const std::size_t end = place.begin + place.length;
-    const std::string extension = lower_extension("x" + path.substr(end));
+    const fs::path tail = fmt::format("f{}", path.substr(end));  // a name that begins with a dot would have no extension
+    const std::string extension = lower_extension(tail);
     if (extension == "exr") return path;
     if (extension.empty()) return path + ".exr";
-    std::string tail = fs::path("x" + path.substr(end)).replace_extension().string().substr(1);
-    if (!has_extension("x" + tail, ".exr")) tail += ".exr";
-    throw not_exr(path, path.substr(0, end) + tail);
+    const std::string stem = tail.stem().string();
+    throw not_exr(path, path.substr(0, end) + stem.substr(1) + (has_extension(stem, ".exr") ? "" : ".exr"));
   }
   const std::string extension = lower_extension(path);
   if (extension == "exr") return single ? path : numbered_pattern(path);

@@ -27,7 +27,7 @@ TEST(AovNames, Blender) {
                    "ViewLayer.Denoising Albedo.B", "ViewLayer.Normal.X", "ViewLayer.Normal.Y", "ViewLayer.Normal.Z",
                    "ViewLayer.CryptoObject00.r", "ViewLayer.CryptoObject00.g", "ViewLayer.CryptoObject00.b",
                    "ViewLayer.CryptoObject00.a"}));
-  // As in files that Cycles of Blender 5.3 wrote.
+  // As in files that Cycles of Blender 5.2.3 wrote.
   EXPECT_EQ(file_names({layers::color(), layers::uv(), layers::emission(), layers::object_id(), layers::samples()},
                        AovNames::kBlender),
             (Names{"ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B", "ViewLayer.Combined.A",

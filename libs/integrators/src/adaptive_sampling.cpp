@@ -9,6 +9,7 @@
 
 #include "tempera/core/parallel.h"
 #include "tempera/core/random.h"
+#include "tempera/integrators/integrator.h"
 
 namespace tempera {
 
