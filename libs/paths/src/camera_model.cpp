@@ -53,7 +53,15 @@ CameraModel::CameraModel(const Scene& scene, int index, int width, int height, T
   camera_jumps(scene, camera, span, jumps);
   pieces_ = MotionPieces(grid, span, std::move(jumps), {span.begin, span.begin});
   knots_.reserve(pieces_.knots().size());
-  for (const MotionPieces::Knot& at : pieces_.knots()) knots_.push_back(sample(scene, camera, at));
+  for (const MotionPieces::Knot& at : pieces_.knots()) {
+    knots_.push_back(sample(scene, camera, at));
+    if (knots_.size() == 1) continue;
+    const MotionPieces::Knot& before = pieces_.knots()[knots_.size() - 2];
+    // A change of handedness between two poses passes through a flat one, unless it is a jump.
+    if (before.piece != at.piece || knots_.back().scale.z * knots_[knots_.size() - 2].scale.z > 0) continue;
+    fail(scene, camera, ErrorCode::kBadInput,
+         fmt::format("has a scale that passes through zero between {} s and {} s", before.time, at.time));
+  }
 }
 
 void camera_jumps(const Scene& scene, const Camera& camera, TimeSpan span, std::vector<double>& out) {
@@ -175,8 +183,10 @@ CameraRay CameraModel::ray(const Vec2f& pixel, const Vec2f& lens, double t) cons
   });
 }
 
-Vec2f CameraModel::to_pixel(double x, double y) const {
-  return {float(size_.x * (0.5 - 0.5 * x + offset_.x)), float(size_.y * (0.5 - 0.5 * y + offset_.y))};
+std::optional<Vec2f> CameraModel::to_pixel(double x, double y) const {
+  const double reach = kReach * std::max(size_.x, size_.y);
+  if (!(std::abs(0.5 * x * size_.x) <= reach && std::abs(0.5 * y * size_.y) <= reach)) return std::nullopt;
+  return Vec2f{float(size_.x * (0.5 - 0.5 * x + offset_.x)), float(size_.y * (0.5 - 0.5 * y + offset_.y))};
 }
 
 std::optional<CameraModel::Projected> CameraModel::project(const Vec3f& point, double t) const {
@@ -185,7 +195,9 @@ std::optional<CameraModel::Projected> CameraModel::project(const Vec3f& point, d
     const Vec3d local = inverse(Affine3d{m.x, m.y, m.z}).vector(Vec3d(point) - m.translation);
     if (perspective_ && !(local.z > 0)) return std::nullopt;
     const double scale = perspective_ ? 1 / local.z : 1;
-    return Projected{to_pixel(local.x * scale / p.half_width, local.y * scale / p.half_height), float(local.z)};
+    const auto pixel = to_pixel(local.x * scale / p.half_width, local.y * scale / p.half_height);
+    if (!pixel) return std::nullopt;
+    return Projected{*pixel, float(local.z)};
   });
 }
 
