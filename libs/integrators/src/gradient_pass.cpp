@@ -73,7 +73,7 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
   std::uint64_t rays = 0, shadow_rays = 0;
   for (int i = first; i < first + count; ++i) {
     const CameraSample camera = camera_sample(context, key, x, y, i);
-    const Vec3f axis = film_.features() ? context.camera.axis(camera.time) : Vec3f{};
+    const Vec3f axis = film_.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
     ShiftObserver shifts(context, options.path, options.roughness_threshold, camera, neighbours);
     const SampleResult r =
         trace_path(context, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts);
@@ -140,7 +140,7 @@ Rgb replay_gradients(const FrameContext& context, const GradientOptions& options
   ShiftObserver shifts(context, options.path, options.roughness_threshold, camera,
                        inside(context.settings, sample.x, sample.y));
   std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
-  const Rgb radiance = trace_path(context, options.path, camera, {}, classes, false, shifts).radiance * camera.weight;
+  const Rgb radiance = trace_path(context, options.path, camera, {}, classes, Features::kNone, shifts).radiance * camera.weight;
   for (std::size_t j = 0; j < 4 && is_finite(radiance); ++j) {
     if (!is_finite(shifts.g(j))) return shifts.g(j);
   }

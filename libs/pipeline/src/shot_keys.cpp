@@ -17,6 +17,10 @@ std::vector<ShotKey> own_keys() {
       {{"scene", "", "scene file: Mitsuba XML or glTF; relative to shot.toml"}, "", "FILE", "the file given"},
       {{"camera", "", "camera, by name or by index from 0"}, "--camera", "NAME", "the scene's first or active one"},
       {{"animation", "", "glTF: the one animation to play"}, "--animation", "NAME", "all of them together"},
+      {{"bend_normals", true, "shading normals that the viewer cannot see, or that mirror the view into the surface, are bent back, and shadows soften where coarse meshes end the light"},
+       "", "", "true for glTF, false for Mitsuba scenes"},
+      {{"solid_tint", "twice", "glTF: whether the base color of solid glass tints light as it enters and again as it leaves (glTF), or once in all (Blender)",
+        -kMany, kMany, {"twice", "once"}}, "", ""},
       {{"frames", "", "frames to render, e.g. 1-24, 1..24, 1-100x2, 1-100:2 or a comma list of those"}, "-f,--frames", "SET",
        "the frames that the scene's animation covers; else first_frame", true},
       {{"fps", 24.0, "frames per second", 1e-3, 1e6}, "--fps", "N"},
@@ -104,7 +108,7 @@ std::span<const OpenTable> shot_tables() {
       {"decompose", "name",
        "as classes, but checked to be disjoint; with the layer class.residual.color they add up to color"},
       {"define", "name", "values of the scene file's own parameters (Mitsuba's $name)"},
-      {"materials", "material", "materials that replace those of this name in the scene: type and its parameters", 2},
+      {"materials", "material", "materials that replace those of this name in the scene: type and its parameters; without a type, opacity, two_sided and emission change the scene's own", 2},
   };
   return tables;
 }

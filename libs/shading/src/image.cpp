@@ -14,6 +14,8 @@
 #include <map>
 #include <mutex>
 
+#include "tempera/core/log.h"
+
 namespace tempera {
 
 Image::~Image() = default;
@@ -67,6 +69,8 @@ Channels find_channels(const OIIO::ImageSpec& spec) {
   c.index = {0, n >= 3 ? 1 : -1, n >= 3 ? 2 : -1, spec.alpha_channel};
   return c;
 }
+
+bool is_usable(float v, bool negative_too) { return std::isfinite(v) && (v >= 0 || negative_too); }
 
 OIIO::ImageSpec input_hints() {
   OIIO::ImageSpec hints;
@@ -186,8 +190,9 @@ std::shared_ptr<OIIO::ImageCache> page_cache() {
 /// Tiles of a file, read when they are needed.
 class PagedImage final : public Image {
  public:
-  PagedImage(const std::filesystem::path& file, bool srgb_, bool mipmap) : cache_(page_cache()) {
-    const OIIO::ustring name(file.string());
+  PagedImage(const std::filesystem::path& file, bool srgb_, bool mipmap, bool keep_negative)
+      : cache_(page_cache()), file_(file.string()), keep_negative_(keep_negative) {
+    const OIIO::ustring name(file_);
     handle_ = cache_->get_image_handle(name);
     format = TexelFormat::kPaged;
     srgb = srgb_;
@@ -271,15 +276,23 @@ class PagedImage final : public Image {
         t.c[c] = byte_table(encoded)[static_cast<const std::uint8_t*>(texels)[at]];
         continue;
       }
-      const float v = type == OIIO::TypeUInt16 ? float(static_cast<const std::uint16_t*>(texels)[at]) * (1.0f / 65535)
+      float v = type == OIIO::TypeUInt16 ? float(static_cast<const std::uint16_t*>(texels)[at]) * (1.0f / 65535)
                       : type == OIIO::TypeHalf
                           ? half_to_float(static_cast<const std::uint16_t*>(texels)[at])
                           : static_cast<const float*>(texels)[at];  // what the cache makes of all else
+      if (!is_usable(v, keep_negative_)) {
+        v = 0;
+        // The whole file is never looked at, so that this is said when the first is met.
+        if (!warned_.exchange(true)) log_warning(fmt::format("{}: {}", file_, kRepairedTexels));
+      }
       t.c[c] = encoded ? srgb_to_linear(v) : v;
     }
     return t;
   }
   std::shared_ptr<OIIO::ImageCache> cache_;
+  std::string file_;
+  bool keep_negative_;
+  mutable std::atomic<bool> warned_{false};
   OIIO::ImageCache::ImageHandle* handle_ = nullptr;
   OIIO::ImageSpec spec_;
   Channels channels_;
@@ -351,7 +364,7 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
   if (image_bytes + bytes > image_budget && request.encoded.empty()) {
     input->close();
     try {
-      return std::make_shared<PagedImage>(request.file, srgb, request.mipmap);
+      return std::make_shared<PagedImage>(request.file, srgb, request.mipmap, request.keep_negative);
     } catch (const Error& e) {
       throw bad(e.message());
     }
@@ -393,8 +406,8 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
           static_cast<std::uint8_t*>(image->texels())[to] = from < 0 ? 255 : byte_row[i * n + std::size_t(from)];
         } else {
           float v = from < 0 ? 1 : float_row[i * n + std::size_t(from)];
+          if (!is_usable(v, request.keep_negative)) v = 0, image->repaired = true;
           if (srgb && c < 3) v = srgb_to_linear(v);
-          if (!std::isfinite(v)) v = 0;
           if (is_half)
             static_cast<std::uint16_t*>(image->texels())[to] = float_to_half(v);
           else
@@ -414,7 +427,8 @@ std::shared_ptr<const Image> load_image(const ImageRequest& request, const Sourc
   static std::mutex mutex;  // a cache of what is alive anyway: it owns nothing and changes no result
   static std::map<std::string, std::weak_ptr<const Image>> images;
   std::error_code ec;
-  std::string key = fmt::format("{}|{}|{}|", request.auto_encoding, request.srgb, request.mipmap);
+  std::string key =
+      fmt::format("{}|{}|{}|{}|", request.auto_encoding, request.srgb, request.mipmap, request.keep_negative);
   if (request.encoded.empty()) {
     const auto time = std::filesystem::last_write_time(request.file, ec);
     key += fmt::format("{}|{}", std::filesystem::weakly_canonical(request.file, ec).string(),
