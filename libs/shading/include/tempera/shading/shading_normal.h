@@ -22,7 +22,7 @@ inline Basis with_normal(const Basis& frame, const Vec3f& n) {
 /// of the surface), that faces `wo` and whose mirror direction of `wo` stays above the surface on the side of `wo`. `n`
 /// itself where it does. Continuous in all arguments.
 ///
-/// The condition is that of Iray and Cycles [Keller 2017, Sec. A.3]; the closed form is ours. With ng and the
+/// The condition is that of Iray and Cycles [Keller 2017]; the closed form is ours. With ng and the
 /// direction of n along the surface as axes, wo is (x, z), and so is its mirror direction (x', z') of the same length:
 /// the normal halfway between them mirrors one into the other. The one nearest to n has z' as low as allowed.
 inline Vec3f bend_normal(const Vec3f& n, const Vec3f& ng, const Vec3f& wo) {
@@ -40,7 +40,7 @@ inline Vec3f bend_normal(const Vec3f& n, const Vec3f& ng, const Vec3f& wo) {
 }
 
 /// What a reflecting lobe about the normal n keeps of light from wi: fades out where the surface turns away from the
-/// light, instead of at the first facet that does [Chiang 2019, Eq. 3]. For a lobe of roughness alpha below 1 (its width)
+/// light, instead of at the first facet that does [Chiang 2019]. For a lobe of roughness alpha below 1 (its width)
 /// the fading is as much narrower, down to a step for a mirror: otherwise bent mirrors would be dark at silhouettes.
 /// `above`: cosine of wi to ng, on the side of the viewer; `cos_n` that of wi to n; `n_ng` that of n to ng.
 inline float terminator_factor(float above, float cos_n, float n_ng, float roughness) {
