@@ -572,6 +572,10 @@ ShadingPoint RayScene::shading_point(const SurfacePoint& point, double t, const 
   } else {
     r.frame = Basis(ns);
   }
+  if (scene_->bend_normals) {
+    r.bends = true;
+    r.unbent = ns;
+  }
   return r;
 }
 

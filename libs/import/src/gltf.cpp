@@ -63,8 +63,9 @@ class GltfImporter {
       : files_(file, options),
         document_(file, options, files_, warnings),
         animations_(document_, options.animation),
-        materials_(document_, animations_) {
+        materials_(document_, animations_, options.tints_once) {
     scene_.source = file;
+    scene_.bend_normals = true;
   }
   Scene load();
 

@@ -151,7 +151,7 @@ void Builder::add_environment(const Object& emitter) {
       }
       environment.image[i] = clamp(space.to_linear(stored), 0, kInfinity);
     }
-    if (repaired) warn("negative or infinite pixels of an environment image are set to 0", at);
+    if (repaired) warn("pixels of an environment image that are negative, infinite or not a number are set to 0", at);
     environment.radiance = Rgb(float(number(emitter, "scale", 1, 0)));
     ignore(emitter, {"mis_compensation", "cache"});
     environment.node = add_node(rotation_only(transform(emitter, "to_world"), place(emitter, "to_world")),

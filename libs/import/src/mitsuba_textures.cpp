@@ -128,8 +128,10 @@ std::shared_ptr<const Texture> Builder::bitmap(const Object& texture, SpectrumKi
                    : channel == "g" || channel == "y" ? Channel::kG
                    : channel == "b" || channel == "z" ? Channel::kB
                    : channel == "a"                   ? Channel::kA
-                   : kind == SpectrumKind::kScalar    ? Channel::kLuminance
-                                                      : Channel::kRgb;
+                   : kind == SpectrumKind::kScalar || kind == SpectrumKind::kHeight ? Channel::kLuminance
+                                                                                     : Channel::kRgb;
+  params.keep_negative = kind == SpectrumKind::kHeight;
+  params.warnings = &warnings_;
   return make_image_texture(params, document_.loc(place(texture, "filename")));
 }
 

@@ -74,7 +74,7 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
   std::uint64_t rays = 0, shadow_rays = 0;
   for (int i = first; i < first + count; ++i) {
     const CameraSample camera = camera_sample(context, key, x, y, i);
-    const Vec3f axis = film_.features() ? context.camera.axis(camera.time) : Vec3f{};
+    const Vec3f axis = film_.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
     const FrameContext& now = context.at(camera.time);
     ShiftObserver shifts(now, options.path, options.roughness_threshold, camera, neighbours);
     const SampleResult r =
@@ -143,7 +143,8 @@ Rgb replay_gradients(const FrameContext& context, const GradientOptions& options
   ShiftObserver shifts(now, options.path, options.roughness_threshold, camera,
                        inside(context.settings, sample.x, sample.y));
   std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
-  const Rgb radiance = trace_path(now, options.path, camera, {}, classes, false, shifts).radiance * camera.weight;
+  const Rgb radiance =
+      trace_path(now, options.path, camera, {}, classes, Features::kNone, shifts).radiance * camera.weight;
   for (std::size_t j = 0; j < 4 && is_finite(radiance); ++j) {
     if (!is_finite(shifts.g(j))) return shifts.g(j);
   }

@@ -40,6 +40,9 @@ struct PathOptions {
   explicit PathOptions(const Params& p);
 };
 
+/// Which features of the first surface a film asks for; the albedo costs more than the others together.
+enum class Features : std::uint8_t { kNone, kGeometry, kAll };
+
 /// What the first surface of a camera ray contributes to feature layers.
 struct FirstHit {
   bool valid = false;
@@ -82,10 +85,7 @@ struct Vertex {
   const Shape* shape = nullptr;
   Bsdf bsdf;
   const Material& material() const { return *shape->material; }
-  void make_bsdf() {
-    bsdf.clear();
-    material().add_lobes(s, 1, bsdf);
-  }
+  void make_bsdf() { tempera::make_bsdf(material(), s, bsdf); }
 };
 
 /// Sets the texture footprint of a point that the camera sees: how far apart on the tangent plane the rays of
@@ -222,7 +222,7 @@ struct NoObserver {
 /// Traces one path. `classes`: empty, or one entry for each class and one for paths of none.
 template <class Observer>
 SampleResult trace_path(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
-                        const Vec3f& view_axis, std::span<Rgb> classes, bool features, Observer& observer) {
+                        const Vec3f& view_axis, std::span<Rgb> classes, Features features, Observer& observer) {
   const RayScene& rays = context.rays;
   const LightSampler& lights = context.lights;
   const LightPathClassifier& classifier = context.classifier;
@@ -298,16 +298,17 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     if (seen_by_camera) {
       seen_by_camera = false;
       result.alpha = 1;
-      if (features) {
+      if (features != Features::kNone) {
         FirstHit& f = result.first;
         f.valid = true;
         f.instance = v.hit.point.instance;
-        f.normal = dot(v.s.frame.n, v.s.wo) < 0 ? -v.s.frame.n : v.s.frame.n;
+        // Normals that are bent where they face away belong to the side of the surface that is seen.
+        f.normal = dot(v.s.bends ? v.s.ng : v.s.frame.n, v.s.wo) < 0 ? -v.s.frame.n : v.s.frame.n;
         f.position = v.s.p;
         f.uv = v.s.uv;
         f.emission = emitted;
         f.depth = dot(v.s.p - camera.ray.o, view_axis);
-        for (int e = 0; e < kEventCount; ++e) f.albedo += v.bsdf.albedo(v.s.wo, Event(e));
+        if (features == Features::kAll) f.albedo = v.bsdf.albedo(v.s.wo);
       }
     }
     observe(index, &v, emitted, light_pdf, clear);

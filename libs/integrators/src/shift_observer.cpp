@@ -182,7 +182,11 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
     visible = visibility(context_, s, wi, distance);
   }
   const float pdf = visible > 0 ? f.pdf : 0.0f;
-  const float eta = dot(wi, s.frame.n) * dot(s.wo, s.frame.n) < 0 ? std::max(o.vertex.bsdf.rough_eta(s.wo), 1e-6f) : 1;
+  float eta = 1;
+  if (dot(wi, s.frame.n) * dot(s.wo, s.frame.n) < 0) {
+    const float refracts = o.vertex.bsdf.rough_eta(s.wo);
+    if (refracts > 0) eta = refracts;  // else a reflection about a bent or mapped normal
+  }
   const bool lights = samples_lights(o.vertex.bsdf) && e.light_pdf > 0;
 
   // From here on the vertex is the next one.

@@ -57,10 +57,11 @@ TileFilm::TileFilm(const FrameContext& context, const Tile& tile, const Frame& o
       class_sums_(pixels_.size() * class_count_),
       sample_classes_(class_count_),
       cryptomatte_(out.has(prefix_ + "CryptoObject00")),
-      features_(cryptomatte_),
       ids_(cryptomatte_ ? tile.x1 - tile.x0 : 0, cryptomatte_ ? tile.y1 - tile.y0 : 0) {
-  for (const char* name : {"albedo", "normal", "depth", "position", "uv", "emission"})
-    features_ |= out.has(prefix_ + name);
+  for (const char* name : {"normal", "depth", "position", "uv", "emission"}) {
+    if (cryptomatte_ || out.has(prefix_ + name)) features_ = Features::kGeometry;
+  }
+  if (out.has(prefix_ + "albedo")) features_ = Features::kAll;
   if (cryptomatte_) {
     for (const std::string& name : cryptomatte_names(context.scene)) instance_ids_.push_back(cryptomatte_id(name));
   }

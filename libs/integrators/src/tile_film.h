@@ -26,8 +26,8 @@ class TileFilm {
   /// Gathers what `out` has layers for, under names that begin with `prefix`.
   TileFilm(const FrameContext& context, const Tile& tile, const Frame& out, std::string prefix = "");
 
-  /// Whether samples must come with their first hit.
-  bool features() const { return features_; }
+  /// What samples must tell of their first hit.
+  Features features() const { return features_; }
   /// Room for the radiance of one sample by class, zero.
   std::span<Rgb> sample_classes();
   /// Adds sample `index` of pixel (x, y); the classes are those of sample_classes(). Returns false, and leaves the
@@ -59,7 +59,8 @@ class TileFilm {
   std::size_t class_count_;
   std::vector<Pixel> pixels_;
   std::vector<Rgb> class_sums_, sample_classes_;
-  bool cryptomatte_, features_;
+  bool cryptomatte_;
+  Features features_ = Features::kNone;
   CryptomatteBuffer ids_;
   std::vector<float> instance_ids_;
 };

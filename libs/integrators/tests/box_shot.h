@@ -14,6 +14,14 @@ inline Mesh quad(const Vec3f& center, const Vec3f& s, const Vec3f& t) {
   return m;
 }
 
+/// An octahedron of radius 1 that is shaded like a sphere: no mesh is coarser.
+inline Mesh coarse_ball() {
+  Mesh m;
+  m.positions = m.normals = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+  m.indices = {0, 2, 4, 2, 1, 4, 1, 3, 4, 3, 0, 4, 2, 0, 5, 1, 2, 5, 3, 1, 5, 0, 3, 5};
+  return m;
+}
+
 /// An open box of 2 units, seen from +z, with one material for the floor and one for a ball.
 struct BoxShot : TestShot {
   BoxShot(MaterialPtr floor, MaterialPtr ball) {
@@ -51,6 +59,14 @@ struct BoxShot : TestShot {
   /// Gives the last lamp a radius.
   BoxShot& sized(float radius) {
     make_sphere_light(scene, int(scene.lights.size()) - 1, radius, false);
+    return *this;
+  }
+  /// A coarse ball, turned, whose shading normals are bent for the viewer.
+  BoxShot& coarse(MaterialPtr material) {
+    add(coarse_ball(), std::move(material),
+        node(Affine3d(translate(Vec3d{-0.35, -0.45, 0.2}) * rotation(axis_angle(Vec3d{1, 2, 3}, 0.7)) *
+                      scale(Vec3d{0.5, 0.5, 0.5}))));
+    scene.bend_normals = true;
     return *this;
   }
   BoxShot& sky() {

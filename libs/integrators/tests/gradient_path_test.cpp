@@ -162,6 +162,17 @@ INSTANTIATE_TEST_SUITE_P(
              [] {
                return BoxShot(make_blend(0.5f, make_diffuse(0.6f), make_conductor({})), make_plastic({})).area_light();
              }},
+        Case{"bent", [] { return BoxShot(kWhite, nullptr).coarse(make_diffuse(0.8f)).area_light(); }},
+        Case{"bent_plastic", [] { return BoxShot(kWhite, nullptr).coarse(make_plastic({})).area_light(); }},
+        Case{"bent_glossy",
+             [] {
+               BoxShot s = BoxShot(rough(0.15f), nullptr).coarse(rough(0.3f)).area_light();
+               s.parameters += ",roughness_threshold=0.5";
+               return s;
+             },
+             8},
+        Case{"bent_mirror", [] { return BoxShot(kWhite, nullptr).coarse(make_conductor({})).area_light(); }},
+        Case{"bent_glass", [] { return BoxShot(kWhite, nullptr).coarse(glass()).area_light(); }},
         Case{"adaptive",
              [] {
                BoxShot s = BoxShot(kWhite, rough(0.15f)).area_light(0.05f).sky();

@@ -3,9 +3,10 @@
 
 #include <cmath>
 #include <functional>
+#include <numeric>
 
+#include "box_shot.h"
 #include "tempera/scene/light_shape.h"
-#include "test_shot.h"
 
 namespace tempera {
 namespace {
@@ -571,6 +572,69 @@ TEST(Path, UnknownLayersAreNamed) {
   } catch (const Error& e) {
     EXPECT_EQ(e.code(), ErrorCode::kUnknownName);
     EXPECT_NE(std::string(e.what()).find("grad.x"), std::string::npos);
+  }
+}
+
+/// A coarse ball of `material` in a white world; radiance of the pixels that it covers wholly.
+std::vector<float> seen_of_coarse_ball(MaterialPtr material, bool bend) {
+  TestShot shot;
+  shot.add(coarse_ball(), std::move(material), shot.node(Affine3d(rotation(axis_angle(Vec3d{1, 2, 3}, 0.7)))));
+  Environment sky;
+  sky.radiance = Rgb(1.0f);
+  sky.camera_visible = false;
+  shot.scene.environments.push_back(sky);
+  shot.orthographic(1.0f);
+  shot.scene.bend_normals = bend;
+  shot.settings.spp = 256;
+  const Frame frame = shot.render();
+  const Image& color = frame.layer("color");
+  std::vector<float> seen;
+  for (int y = 0; y < 32; ++y)
+    for (int x = 0; x < 32; ++x)
+      if (color.at(x, y, 3) == 1) seen.push_back(color.rgb(x, y).g);
+  return seen;
+}
+
+TEST(Path, BentNormalsLeaveNoBlackPatches) {
+  MetallicRoughnessParams paint;
+  paint.metallic = 0.0f, paint.roughness = 0.4f;
+  for (const MaterialPtr& m : {make_diffuse(0.8f), make_plastic({}), make_metallic_roughness(paint)}) {
+    const std::vector<float> plain = seen_of_coarse_ball(m, false), bent = seen_of_coarse_ball(m, true);
+    ASSERT_GT(bent.size(), 300u);
+    EXPECT_LT(*std::min_element(plain.begin(), plain.end()), 0.02f) << "without, there are";
+    EXPECT_GT(*std::min_element(bent.begin(), bent.end()), 0.15f);
+    EXPECT_LT(*std::max_element(bent.begin(), bent.end()), 1.05f) << "nothing gains light";
+  }
+  // A mirror shows the world everywhere: nothing of what it reflects is its own inside.
+  for (const float v : seen_of_coarse_ball(make_conductor({}), true)) EXPECT_NEAR(v, 1, 1e-3f);
+  // Glass loses nothing either way.
+  const std::vector<float> glass = seen_of_coarse_ball(make_dielectric({}), true);
+  for (const float v : glass) EXPECT_NEAR(v, 1, 0.05f);  // Russian roulette
+  EXPECT_NEAR(std::accumulate(glass.begin(), glass.end(), 0.0) / double(glass.size()), 1, 1e-3);
+}
+
+TEST(Path, BentNormalsChangeNothingWhereNormalsFit) {
+  TestShot shot = mixed();
+  const Frame plain = shot.render();
+  shot.scene.bend_normals = true;
+  EXPECT_EQ(plain.layer("color"), shot.render().layer("color"));
+}
+
+TEST(Path, AlbedoLayerOfClearGlassIsOne) {
+  MetallicRoughnessParams solid;
+  solid.transmission = 1.0f, solid.metallic = 0.0f, solid.roughness = 0.0f, solid.thin_walled = false;
+  for (const MaterialPtr& m :
+       {make_dielectric({}), make_dielectric({1.5f, 1, 1.0f, 1.0f, true, {}}), make_metallic_roughness(solid)}) {
+    TestShot shot;
+    shot.add(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}), m);
+    shot.orthographic(0.5f);
+    shot.scene.environments.push_back({});
+    shot.settings.spp = 4;
+    for (const bool alone : {true, false}) {
+      shot.settings.layers = {"color", "albedo"};
+      if (!alone) shot.settings.layers.push_back("normal");
+      EXPECT_NEAR(shot.render().layer("albedo").rgb(7, 9).g, 1, 1e-5f);
+    }
   }
 }
 

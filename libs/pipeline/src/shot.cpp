@@ -353,13 +353,22 @@ void replace_environment(const ShotConfig& config, Shot& shot, Scene& scene) {
       shot.edits += fmt::format(",space={}", id);
       env.width = image.width(), env.height = image.height();
       env.image.reserve(std::size_t(image.pixels()));
+      bool repaired = false;
       for (int y = 0; y < env.height; ++y) {
         for (int x = 0; x < env.width; ++x) {
           const Rgb c = space->to_linear(image.rgb(x, y));
           // Overexposed or damaged pixels of captured maps; one would poison every sample of the light.
-          const auto safe = [](float v) { return std::isfinite(v) && v > 0 ? v : 0.0f; };
+          const auto safe = [&](float v) {
+            if (std::isfinite(v) && v >= 0) return v;
+            repaired = true;
+            return 0.0f;
+          };
           env.image.push_back({safe(c.r), safe(c.g), safe(c.b)});
         }
+      }
+      if (repaired) {
+        log_warning(fmt::format(
+            "{}: pixels of an environment image that are negative, infinite or not a number are set to 0", path));
       }
       shot.edits += fmt::format(",image={:016x}", hash_bytes(read_file(path)));
     } catch (const Error& e) {
@@ -454,6 +463,7 @@ Scene import_shot_scene(const ShotConfig& config, const ImportOptions& options, 
   ImportOptions import = options;
   import.fps = config.get_double("fps");
   import.animation = config.get_string("animation");
+  import.tints_once = config.get_string("solid_tint") == "once";
   for (const auto& [key, value] : config.table("define")) import.defines.emplace_back(key[0], to_text(value.value));
   const std::filesystem::path file = config.input_path("scene");
   if (std::error_code ignored; !std::filesystem::exists(file, ignored)) {
@@ -537,6 +547,11 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   shot.video.layer = config.get_string("video.layer");
   shot.video.display.exposure = float(config.get_double("video.exposure"));
   shot.video.display.tone_map = parse_tone_map(config.get_string("video.tone_map"));
+  if (config.find("bend_normals")) {
+    scene.bend_normals = config.get_bool("bend_normals");
+    shot.edits += fmt::format("bend_normals={};", scene.bend_normals);
+  }
+  if (config.find("solid_tint")) shot.edits += fmt::format("solid_tint={};", config.get_string("solid_tint"));
   replace_environment(config, shot, scene);
   replace_materials(config, shot, scene);
   shot.edits += edit_lights(config, s.clock, scene);

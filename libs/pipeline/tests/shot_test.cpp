@@ -241,6 +241,9 @@ INSTANTIATE_TEST_SUITE_P(
         Bad{"[environment]\nimage = \"none.hdr\"\n", ErrorCode::kMissingFile, 3, "none.hdr"},
         Bad{"[materials.Pait]\ntype = \"diffuse\"\n", ErrorCode::kUnknownName, 3, "it has: Paint"},
         Bad{"[materials.Paint]\nreflectance = 1\n", ErrorCode::kBadInput, 3, "needs a type"},
+        Bad{"[materials.Paint]\ntype = \"diffuse\"\nreflectance = -0.3\n", ErrorCode::kOutOfRange, 4, "below 0"},
+        Bad{"[materials.Paint]\nemission = [1, -1, 1]\n", ErrorCode::kOutOfRange, 3, "below 0"},
+        Bad{"solid_tint = \"never\"\n", ErrorCode::kUnknownName, 2, "twice"},
         Bad{"[materials.Paint]\ntype = \"difuse\"\n", ErrorCode::kUnknownName, 3, "diffuse"},
         Bad{"[materials.Paint]\ntype = \"diffuse\"\nior = 2\n", ErrorCode::kUnknownName, 4, "reflectance"},
         Bad{"[materials.Paint]\ntype = \"diffuse\"\nreflectance = \"red\"\n", ErrorCode::kBadInput, 4,
@@ -264,6 +267,61 @@ TEST(Shot, ReplacesEnvironmentAndMaterials) {
   Scene kept = scene();
   settle("[environment]\nradiance = 1\nkeep = true\n", kept);
   EXPECT_EQ(kept.environments.size(), 2u);
+}
+
+TEST(Shot, BendsNormalsAsTheSceneSaysUnlessTold) {
+  for (const bool format : {false, true}) {
+    Scene s = scene();
+    s.bend_normals = format;
+    const Shot plain = settle("", s);
+    EXPECT_EQ(s.bend_normals, format);
+    for (const bool told : {false, true}) {
+      const Shot shot = settle(told ? "bend_normals = true\n" : "bend_normals = false\n", s);
+      EXPECT_EQ(s.bend_normals, told);
+      EXPECT_NE(fingerprint(shot, s, 0), fingerprint(plain, s, 0));
+    }
+  }
+  EXPECT_NE(fingerprint(settle("solid_tint = \"once\"\n"), scene(), 0), fingerprint(settle(""), scene(), 0));
+}
+
+TEST(Shot, TwoSidedDecidesWhichSidesShine) {
+  const auto shines_both_ways = [](bool in_scene, const std::string& toml) {
+    Scene s = scene();
+    s.shapes[0].emission = AreaEmission{Slot(2.0f), in_scene};
+    settle("[materials.Paint]\n" + toml, s);
+    return s.shapes[0].emission->two_sided;
+  };
+  for (const char* type : {"", "type = \"diffuse\"\n", "type = \"metallic_roughness\"\n"})
+    for (const char* emission : {"", "emission = 3\n"})
+      for (const bool in_scene : {false, true}) {
+        const std::string toml = std::string(type) + emission;
+        if (!toml.empty()) {
+          EXPECT_EQ(shines_both_ways(in_scene, toml), in_scene) << toml;
+        }
+        EXPECT_FALSE(shines_both_ways(in_scene, toml + "two_sided = false\n")) << toml;
+        EXPECT_TRUE(shines_both_ways(in_scene, toml + "two_sided = true\n")) << toml;
+      }
+}
+
+TEST(Shot, TwoSidedDecidesWhatTheBackLooksLike) {
+  const auto black_from_behind = [](const std::string& toml) {
+    Scene s = scene();
+    settle("[materials.Paint]\n" + toml, s);
+    ShadingPoint p;
+    p.ng = {0, 0, 1};
+    p.wo = {0, 0, -1};
+    Bsdf bsdf;
+    s.shapes[0].material->add_lobes(p, 1, bsdf);
+    return bsdf.empty();
+  };
+  EXPECT_TRUE(black_from_behind("two_sided = false\n")) << "the scene's own diffuse is";
+  EXPECT_FALSE(black_from_behind("two_sided = true\n"));
+  EXPECT_TRUE(black_from_behind("type = \"diffuse\"\n"));
+  EXPECT_FALSE(black_from_behind("type = \"diffuse\"\ntwo_sided = true\n"));
+  EXPECT_FALSE(black_from_behind("type = \"metallic_roughness\"\n"));
+  EXPECT_FALSE(black_from_behind("type = \"metallic_roughness\"\ntwo_sided = true\n"));
+  EXPECT_TRUE(black_from_behind("type = \"metallic_roughness\"\ntwo_sided = false\n"));
+  EXPECT_FALSE(black_from_behind("type = \"metallic_roughness\"\ntwo_sided = false\ntransmission = 1\n"));
 }
 
 TEST(Shot, FingerprintChangesWithWhatChangesPixelsOnly) {

@@ -15,6 +15,7 @@
 #include <mutex>
 
 #include "file_color_space.h"
+#include "tempera/core/log.h"
 
 namespace tempera {
 
@@ -75,6 +76,7 @@ void convert(const ColorSpace& space, float* rgb) {
   const Rgb c = space.to_linear({rgb[0], rgb[1], rgb[2]});
   rgb[0] = std::max(c.r, 0.0f), rgb[1] = std::max(c.g, 0.0f), rgb[2] = std::max(c.b, 0.0f);
 }
+bool is_usable(float v, bool negative_too) { return std::isfinite(v) && (v >= 0 || negative_too); }
 
 OIIO::ImageSpec input_hints() {
   OIIO::ImageSpec hints;
@@ -194,9 +196,9 @@ std::shared_ptr<OIIO::ImageCache> page_cache() {
 /// Tiles of a file, read when they are needed.
 class PagedImage final : public Image {
  public:
-  PagedImage(const std::filesystem::path& file, const ColorSpace& space, bool mipmap)
-      : cache_(page_cache()), space_(space) {
-    const OIIO::ustring name(file.string());
+  PagedImage(const std::filesystem::path& file, const ColorSpace& space, bool mipmap, bool keep_negative)
+      : cache_(page_cache()), space_(space), file_(file.string()), keep_negative_(keep_negative) {
+    const OIIO::ustring name(file_);
     handle_ = cache_->get_image_handle(name);
     format = TexelFormat::kPaged;
     srgb = space.is_srgb();
@@ -280,10 +282,15 @@ class PagedImage final : public Image {
         t.c[c] = byte_table(encoded)[static_cast<const std::uint8_t*>(texels)[at]];
         continue;
       }
-      const float v = type == OIIO::TypeUInt16 ? float(static_cast<const std::uint16_t*>(texels)[at]) * (1.0f / 65535)
+      float v = type == OIIO::TypeUInt16 ? float(static_cast<const std::uint16_t*>(texels)[at]) * (1.0f / 65535)
                       : type == OIIO::TypeHalf
                           ? half_to_float(static_cast<const std::uint16_t*>(texels)[at])
                           : static_cast<const float*>(texels)[at];  // what the cache makes of all else
+      if (!is_usable(v, keep_negative_)) {
+        v = 0;
+        // The whole file is never looked at, so that this is said when the first is met.
+        if (!warned_.exchange(true)) log_warning(fmt::format("{}: {}", file_, kRepairedTexels));
+      }
       t.c[c] = encoded ? srgb_to_linear(v) : v;
     }
     if (!srgb && !space_.is_linear()) convert(space_, t.c);
@@ -291,6 +298,9 @@ class PagedImage final : public Image {
   }
   std::shared_ptr<OIIO::ImageCache> cache_;
   ColorSpace space_;
+  std::string file_;
+  bool keep_negative_;
+  mutable std::atomic<bool> warned_{false};
   OIIO::ImageCache::ImageHandle* handle_ = nullptr;
   OIIO::ImageSpec spec_;
   Channels channels_;
@@ -370,7 +380,7 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
   if (image_bytes + bytes > image_budget && request.encoded.empty()) {
     input->close();
     try {
-      return std::make_shared<PagedImage>(request.file, space, request.mipmap);
+      return std::make_shared<PagedImage>(request.file, space, request.mipmap, request.keep_negative);
     } catch (const Error& e) {
       throw bad(e.message());
     }
@@ -409,8 +419,9 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
       for (std::size_t c = 0; c < 4; ++c) {
         const int from = channels.index[c] >= 0 ? channels.index[c] : c < 3 ? channels.index[0] : -1;
         if (!is_byte) {
-          texel[c] = from < 0 ? 1 : float_row[i * n + std::size_t(from)];
-          if (srgb && c < 3) texel[c] = srgb_to_linear(texel[c]);
+          float v = from < 0 ? 1 : float_row[i * n + std::size_t(from)];
+          if (!is_usable(v, request.keep_negative)) v = 0, image->repaired = true;
+          texel[c] = srgb && c < 3 ? srgb_to_linear(v) : v;
         } else if (c < out) {
           static_cast<std::uint8_t*>(image->texels())[(first + i) * out + c] =
               from < 0 ? 255 : byte_row[i * n + std::size_t(from)];
@@ -440,7 +451,8 @@ std::shared_ptr<const Image> load_image(const ImageRequest& request, const Sourc
   static std::mutex mutex;  // a cache of what is alive anyway: it owns nothing and changes no result
   static std::map<std::string, std::weak_ptr<const Image>> images;
   std::error_code ec;
-  std::string key = fmt::format("{}|{}|{}|", request.auto_encoding, request.srgb, request.mipmap);
+  std::string key =
+      fmt::format("{}|{}|{}|{}|", request.auto_encoding, request.srgb, request.mipmap, request.keep_negative);
   if (request.encoded.empty()) {
     const auto time = std::filesystem::last_write_time(request.file, ec);
     key += fmt::format("{}|{}", std::filesystem::weakly_canonical(request.file, ec).string(),

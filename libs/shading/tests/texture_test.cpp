@@ -330,6 +330,58 @@ TEST(ImageTexture, PagedImagesLookTheSame) {
   }
 }
 
+TEST(ImageTexture, TexelsThatAreNoLightAreReadAsZeroWithOneWarning) {
+  const TemporaryFolder folder;
+  const float nan = std::nanf("");
+  const std::vector<float> f{-1, 0.5f, nan, kInfinity, -kInfinity, 2, 0.25f, 0.5f, 1, -0.0f, 1, 1};
+  for (const char* name : {"bad.exr", "bad.tif"}) {
+    write_image(folder / name, 2, 2, 3, f);
+    for (const auto filter : {TextureFilter::kNearest, TextureFilter::kBilinear, TextureFilter::kMipmap})
+      for (const bool paged : {false, true}) {
+        Warnings warnings;
+        ImageTextureParams p;
+        p.file = folder / name;
+        p.filter = filter;
+        p.warnings = &warnings;
+        if (paged) {
+          set_image_memory_budget(0);
+          std::filesystem::last_write_time(p.file, std::filesystem::last_write_time(p.file) + std::chrono::seconds(1));
+        }
+        const auto texture = make_image_texture(p);
+        set_image_memory_budget(std::size_t(1) << 30);
+        if (filter == TextureFilter::kNearest) {
+          expect_rgb(texture->rgb(at(0.25f, 0.25f)), {0, 0.5f, 0});
+          expect_rgb(texture->rgb(at(0.75f, 0.25f)), {0, 0, 2});
+          expect_rgb(texture->rgb(at(0.25f, 0.75f)), {0.25f, 0.5f, 1});
+        }
+        expect_rgb(texture->mean(), {0.0625f, 0.5f, 1}, 1e-3f);
+        Random random(6);
+        for (int i = 0; i < 200; ++i) {
+          const Rgb c = texture->rgb(at(2 * random() - 1, 2 * random() - 1));
+          EXPECT_TRUE(is_finite(c) && std::min({c.r, c.g, c.b}) >= 0);
+        }
+        if (paged) continue;  // what is wrong is met later, and logged then
+        ASSERT_EQ(warnings.lines().size(), 1u);
+        EXPECT_NE(warnings.lines()[0].find("negative, infinite or not a number"), std::string::npos);
+      }
+  }
+  // A height may be negative, but not infinite.
+  ImageTextureParams height;
+  height.file = folder / "bad.exr";
+  height.filter = TextureFilter::kNearest;
+  height.keep_negative = true;
+  EXPECT_EQ(make_image_texture(height)->scalar(at(0.25f, 0.25f)), -1);
+  EXPECT_EQ(make_image_texture(height)->scalar(at(0.75f, 0.25f)), 0);
+  // Images that are as they should be say nothing.
+  Warnings none;
+  write_image(folder / "good.exr", 2, 2, 3, std::vector<float>(12, 0.5f));
+  ImageTextureParams good;
+  good.file = folder / "good.exr";
+  good.warnings = &none;
+  make_image_texture(good);
+  EXPECT_TRUE(none.empty());
+}
+
 TEST(Checkerboard, ColorZeroWhereHalvesAgree) {
   const auto t = make_checkerboard(Rgb{1, 0, 0}, Rgb{0, 1, 0}, {});
   expect_rgb(t->rgb(at(0.2f, 0.3f)), {1, 0, 0});

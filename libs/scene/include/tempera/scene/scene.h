@@ -148,6 +148,9 @@ struct Scene {
   std::vector<Environment> environments;  ///< their radiance adds up
   std::vector<Camera> cameras;
   int default_camera = 0;
+  /// Whether eye paths bend shading normals for the viewer (make_bsdf). Formats say how their surfaces are shaded: glTF
+  /// leaves it to us, and it is on; Mitsuba shades with normals as they are.
+  bool bend_normals = false;
   RenderDefaults defaults;
   TimeSpan animation;  ///< seconds covered by keys; begin == end: static
   std::vector<std::string> animation_names;
