@@ -207,6 +207,7 @@ struct Extension {
   float light_pdf;           ///< with which next-event estimation at `from` would have found `to`; 0: it could not
   float clear;               ///< probability of passing the masks on the way
   std::uint32_t index;       ///< of `to` in the path
+  const Rgb& gathered;       ///< radiance that the path had found before it arrived at `to`
 };
 
 /// Sees nothing. An active observer has these three functions.
@@ -245,7 +246,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
   constexpr std::size_t kKept = Observer::kActive ? 2 : 1;
   std::array<Vertex, kKept> vertices;
   BsdfSample sampled;
-  Rgb step;
+  Rgb step, gathered;
   float survival = 1;
   const auto observe = [&](std::uint32_t index, const Vertex* to, const Rgb& emitted, float light_pdf, float clear) {
     if constexpr (Observer::kActive) {
@@ -253,13 +254,14 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
         observer.start(to, emitted);
       } else {
         observer.extend({vertices[(index - 1) % kKept], sampled, step, survival, edges > options.rr_depth, to, emitted,
-                         light_pdf, clear, index});
+                         light_pdf, clear, index, gathered});
       }
     }
   };
 
   for (std::uint32_t index = 0; edges <= options.max_depth; ++index) {
     Vertex& v = vertices[index % kKept];
+    if constexpr (Observer::kActive) gathered = tally.total;
     int passed = 0;
     float clear = 1;
     const EdgeEnd end =

@@ -105,6 +105,13 @@ void ShiftObserver::scatter(const Extension& e, const Rgb& f, float pdf, float j
 }
 
 void ShiftObserver::extend(const Extension& e) {
+  if (connects(e.from, e.sample.delta)) {
+    connected_ = true;
+  } else if (connected_ && !rare_) {
+    rare_ = true;
+    common_radiance_ = e.gathered;
+    for (std::size_t j = 0; j < 4; ++j) common_g_[j] = offsets_[j].g;
+  }
   beta_ *= e.step;
   if (e.to) beta_ *= absorption(*e.to, length(e.to->s.p - e.from.s.p));
   const Rgb base = beta_ * e.emitted;

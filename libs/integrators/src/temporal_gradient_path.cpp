@@ -61,11 +61,8 @@ class TemporalGradientPathIntegrator final : public Integrator {
     }
     plan_batches(options_.adaptive, base_samples(settings));
     static const std::vector<std::string> more = [] {
-      std::vector<std::string> names;
-      for (const char* prefix : {"", "offset."}) {
-        for (const char* name : {"grad.x", "grad.y", "grad.x.var", "grad.y.var"})
-          names.push_back(std::string(prefix) + name);
-      }
+      std::vector<std::string> names = gradient_layer_names("", 1);
+      for (std::string& name : gradient_layer_names(kOffset, 1)) names.push_back(std::move(name));
       for (const char* name :
            {"offset.color", "offset.color.a", "offset.color.b", "offset.color.var", "offset.samples", "offset.source"})
         names.push_back(name);
@@ -76,11 +73,19 @@ class TemporalGradientPathIntegrator final : public Integrator {
                          layers::motion_backward(), layers::offset(layers::color()), layers::offset(layers::grad_x()),
                          layers::offset(layers::grad_y()), layers::offset(layers::samples()),
                          layers::offset(layers::source())});
+    if (options_.rare) {
+      add_missing(result, rare_layers("", 1));
+      add_missing(result, rare_layers(kOffset, 1));
+      add_missing(result, {layers::object_id()});
+    }
     return result;
   }
-  std::vector<LayerDesc> work_layers(const RenderSettings& /*settings*/) const override {
-    std::vector<LayerDesc> result = gradient_work_layers();
-    for (LayerDesc& d : gradient_work_layers(kOffset)) result.push_back(std::move(d));
+  std::vector<LayerDesc> work_layers(const RenderSettings& settings) const override {
+    std::vector<LayerDesc> result;
+    for (const std::string& prefix : {std::string(), kOffset}) {
+      add_missing(result, gradient_work_layers(prefix, needs_variance(options_, settings, prefix)));
+      if (options_.rare) add_missing(result, rare_work_layers(prefix, 1));
+    }
     return result;
   }
 
@@ -114,6 +119,7 @@ class TemporalGradientPathIntegrator final : public Integrator {
   void finish(const FrameContext& /*context*/, Frame& out) const override {
     join_gradients("", out);
     join_gradients(kOffset, out);
+    if (options_.rare) keep_rare_apart(std::vector<std::string>{"", kOffset}, out);
   }
 
   Rgb replay(const FrameContext& context, const BadSample& sample) const override {

@@ -20,6 +20,11 @@ std::vector<LayerDesc> film_outputs(const RenderSettings& settings, std::string_
 /// Appends those of `more` that `list` lacks.
 void add_missing(std::vector<LayerDesc>& list, const std::vector<LayerDesc>& more);
 
+/// Variance of the mean of all samples of a pixel, from what its two independent halves add up to. With halves of m and
+/// n samples the square of the difference of their means is, in the mean, (m + n)^2 / (m n) times as large. The square
+/// of the mean, at least as large as the variance in the mean, if one half is empty; 0 if both are.
+Rgb variance_of_mean(const Rgb& sum_a, int count_a, const Rgb& sum_b, int count_b);
+
 /// Threads: one thread each.
 class TileFilm {
  public:

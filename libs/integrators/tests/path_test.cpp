@@ -522,23 +522,27 @@ TEST(Path, SizedLightsAreSeenByMirrorsAndNotByTheCamera) {
 }
 
 TEST(Path, VarianceLayerPredictsTheSpread) {
-  TestShot shot = furnace(0.5f, 0.5f);
-  shot.settings.layers = {"color", "color.a", "color.b", "color.var"};
-  shot.settings.spp = 32;
-  double predicted = 0, seen = 0;
-  for (int seed = 0; seed < 8; ++seed) {
-    shot.settings.seed = std::uint64_t(seed);
-    const Frame frame = shot.render();
-    for (int y = 0; y < 16; ++y) {
-      for (int x = 0; x < 16; ++x) {
-        predicted += frame.layer("color.var").rgb(x, y).g;
-        seen += sqr(frame.layer("color").rgb(x, y).g - 1);
-        const Rgb halves = (frame.layer("color.a").rgb(x, y) + frame.layer("color.b").rgb(x, y)) * 0.5f;
-        EXPECT_NEAR(halves.r, frame.layer("color").rgb(x, y).r, 1e-5);
+  for (const SamplerKind sampler : {SamplerKind::kSobol, SamplerKind::kIndependent}) {
+    TestShot shot = furnace(0.5f, 0.5f);
+    shot.settings.layers = {"color", "color.a", "color.b", "color.var"};
+    shot.settings.sampler = sampler;
+    shot.settings.spp = 32;
+    double predicted = 0, seen = 0;
+    for (int seed = 0; seed < 8; ++seed) {
+      shot.settings.seed = std::uint64_t(seed);
+      const Frame frame = shot.render();
+      for (int y = 0; y < 16; ++y) {
+        for (int x = 0; x < 16; ++x) {
+          predicted += frame.layer("color.var").rgb(x, y).g;
+          seen += sqr(frame.layer("color").rgb(x, y).g - 1);
+          const Rgb halves = (frame.layer("color.a").rgb(x, y) + frame.layer("color.b").rgb(x, y)) * 0.5f;
+          EXPECT_NEAR(halves.r, frame.layer("color").rgb(x, y).r, 1e-5);
+        }
       }
     }
+    // Of 2048 squares each: relative errors sqrt(2 / 2048) and tails.
+    EXPECT_NEAR(predicted / seen, 1, 0.15) << int(sampler);
   }
-  EXPECT_NEAR(predicted / seen, 1, 0.15);  // 2048 squared deviations: relative error sqrt(2 / 2048) and tails
 }
 
 TEST(Path, AdaptiveSamplingSpendsWhereItIsNoisy) {

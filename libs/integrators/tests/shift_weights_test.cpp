@@ -118,7 +118,7 @@ class Pair {
     const auto extend = [&](ShiftObserver& o, std::size_t i, const BsdfSample& s, float q, const Vertex* to,
                             const Rgb& emitted, float light_pdf) {
       o.extend({p.vertices[i], s, s.sum() * (1 / (s.pdf * q)), q, roulette_, to, emitted, light_pdf, 1,
-                std::uint32_t(i + 1)});
+                std::uint32_t(i + 1), Rgb(0.0f)});
     };
     for (std::size_t i = 0; i < p.samples.size(); ++i) {
       const float q = survival(p.samples[i]);

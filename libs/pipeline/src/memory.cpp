@@ -39,7 +39,7 @@ std::uint64_t mesh_memory(const Mesh& m) {
 }
 
 /// What integrators keep of a pixel from one round to the next, in bytes.
-constexpr double kSumsOfPixel = 320;
+constexpr double kSumsOfPixel = 720;
 
 struct Parts {
   double structures = 0, vertices = 0, frames = 0;
