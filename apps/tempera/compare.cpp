@@ -201,6 +201,9 @@ void compare(const Flags& flags, const std::stop_token& stop) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
                 fmt::format("--error-map \"{}\" must end in .png or .exr", flags.error_map));
   }
+  if (flags.reference.empty() && !options.reference2.empty()) {
+    throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "--reference2 needs a first one: --reference");
+  }
   const bool measures = !limits.empty() || !flags.csv.empty() || !flags.json.empty() || !flags.error_map.empty();
   if (flags.reference.empty() && (flags.html.empty() || measures)) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
@@ -273,6 +276,7 @@ void add_compare(Program& program) {
        "tempera compare path=out/path/f.####.exr mlt=out/mlt/f.####.exr -r out/ref/f.####.exr --html report.html",
        "tempera compare a.exr --reference ref.exr --threshold flip=0.05 --error-map diff.png",
        "tempera compare 'out/seed*/f.####.exr' -r ref.exr --metrics relmse,bias_squared,variance",
+       "tempera compare out/f.####.exr -r ref/seed1/f.####.exr --reference2 ref/seed2/f.####.exr",
        "tempera compare out/f.####.exr -r ref.####.exr --threshold mean.relmse=0.01,ssim=0.9,flicker=1e-4"},
       [&program, flags] {
         with_threads(flags->threads, [&] { compare(*flags, program.stop); });
@@ -289,12 +293,17 @@ void add_compare(Program& program) {
                    "what they should look like; a single picture serves all frames; only --html can do without")
       ->type_name("REFERENCE");
   command
+      ->add_option(
+          "--reference2", flags->options.reference2,
+          "a second one of another seed: takes the noise of both out of squared metrics, others use their mean")
+      ->type_name("REFERENCE");
+  command
       ->add_option("--metrics", flags->metrics,
                    "what to measure: default, all, and names that tempera list metrics shows [default]")
       ->type_name("A,B,C");
   command->add_option("-f,--frames", flags->frames, "frames to compare [all that both have]")->type_name("SET");
   command->add_option("--layer", flags->options.layer, "layer to compare [color]")->type_name("NAME");
-  command->add_option("--exposure", flags->options.exposure, "stops, for psnr, ssim and flip [0]")
+  command->add_option("--exposure", flags->options.exposure, "stops, for psnr, ssim, flip and flicker_display [0]")
       ->type_name("STOPS")
       ->check(CLI::Range(-64.0, 64.0).description(""));
   command
