@@ -43,10 +43,10 @@ struct RayScene::Impl {
   std::vector<std::unique_ptr<PlacedShape>> deforming;  // own copies with this span's vertices
   std::vector<const PlacedShape*> placed;               // like cache->placed, deforming ones replaced
 
-  std::vector<const PlacedShape*> only;  // by instance: its one shape, or null for groups of several
+  std::vector<const PlacedShape*> single_shape;  // by instance: its one shape, or null for groups of several
 
   const PlacedShape& find(std::uint32_t instance, std::uint32_t shape) const {
-    if (const PlacedShape* p = only[instance]) return *p;
+    if (const PlacedShape* p = single_shape[instance]) return *p;
     const auto& group = scene->groups[std::size_t(scene->instances[instance].group)];
     std::size_t i = cache->first_placed[instance];
     for (std::size_t k = 0; std::uint32_t(group[k]) != shape; ++k) ++i;
@@ -382,7 +382,7 @@ RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const
   }
   for (std::size_t i = 0; i < scene.instances.size(); ++i) {
     const bool single = scene.groups[std::size_t(scene.instances[i].group)].size() == 1;
-    s.only.push_back(single ? s.placed[s.cache->first_placed[i]] : nullptr);
+    s.single_shape.push_back(single ? s.placed[s.cache->first_placed[i]] : nullptr);
   }
   check_device(s.cache->device);
   s.bounds = bounds_of(s.top);

@@ -31,10 +31,10 @@ FrameScene::FrameScene(const Scene& scene, const RenderSettings& settings, const
   }
 }
 
-FrameContext FrameScene::context(FramePlan* plan, bool for_next) const {
+FrameContext FrameScene::context(FramePlan* plan, bool only_for_next_frame) const {
   FrameContext c = contexts_[0];
   c.plan = plan;
-  c.for_next = for_next;
+  c.only_for_next_frame = only_for_next_frame;
   if (contexts_.size() > 1) c.pieces = contexts_;
   return c;
 }

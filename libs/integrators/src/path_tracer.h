@@ -133,10 +133,10 @@ inline bool intersect_seen(const FrameContext& context, bool from_camera, Ray& r
 enum class EdgeEnd { kSurface, kEnvironment, kLost };
 
 /// Follows `ray` to the surface that stops it, vertex `index` of the path. `passed` counts the masks on the way,
-/// `clear` is the probability of passing them. `camera`: set for rays that come straight from there.
+/// `pass_probability` is the probability of passing them. `camera`: set for rays that come straight from there.
 inline EdgeEnd follow(const FrameContext& context, const SampleStream& stream, std::uint32_t index, Ray& ray,
-                      const CameraSample* camera, Vertex& v, int& passed, float& clear) {
-  passed = 0, clear = 1;
+                      const CameraSample* camera, Vertex& v, int& passed, float& pass_probability) {
+  passed = 0, pass_probability = 1;
   for (; passed < kMaxVertices; ++passed) {
     if (!intersect_seen(context, camera, ray, v.hit)) return EdgeEnd::kEnvironment;
     new (&v.s) ShadingPoint(context.rays.shading_point(v.hit.point, ray.time, -ray.d));  // made in place, not copied
@@ -145,7 +145,7 @@ inline EdgeEnd follow(const FrameContext& context, const SampleStream& stream, s
     if (!context.rays.has_opacity() || !v.material().has_opacity()) return EdgeEnd::kSurface;
     const float opacity = v.material().opacity(v.s);
     if (opacity >= 1 || mask_number(stream, index, passed) < opacity) return EdgeEnd::kSurface;
-    clear *= 1 - opacity;  // no event: the path goes on as if nothing were there
+    pass_probability *= 1 - opacity;  // no event: the path goes on as if nothing were there
     ray.o = context.rays.offset_origin(v.s.p, v.s.ng, ray.d);
     ray.tmin = 0;
     ray.tmax = kInfinity;
@@ -205,7 +205,7 @@ struct Extension {
   const Vertex* to;          ///< null: the environment
   Rgb emitted;               ///< radiance that `to` sends back
   float light_pdf;           ///< with which next-event estimation at `from` would have found `to`; 0: it could not
-  float clear;               ///< probability of passing the masks on the way
+  float pass_probability;               ///< probability of passing the masks on the way
   std::uint32_t index;       ///< of `to` in the path
   const Rgb& gathered;       ///< radiance that the path had found before it arrived at `to`
 };
@@ -248,13 +248,13 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
   BsdfSample sampled;
   Rgb step, gathered;
   float survival = 1;
-  const auto observe = [&](std::uint32_t index, const Vertex* to, const Rgb& emitted, float light_pdf, float clear) {
+  const auto observe = [&](std::uint32_t index, const Vertex* to, const Rgb& emitted, float light_pdf, float pass_probability) {
     if constexpr (Observer::kActive) {
       if (index == 0) {
         observer.start(to, emitted);
       } else {
         observer.extend({vertices[(index - 1) % kKept], sampled, step, survival, edges > options.rr_depth, to, emitted,
-                         light_pdf, clear, index, gathered});
+                         light_pdf, pass_probability, index, gathered});
       }
     }
   };
@@ -263,9 +263,9 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     Vertex& v = vertices[index % kKept];
     if constexpr (Observer::kActive) gathered = tally.total;
     int passed = 0;
-    float clear = 1;
+    float pass_probability = 1;
     const EdgeEnd end =
-        follow(context, camera.stream, index, ray, seen_by_camera ? &camera : nullptr, v, passed, clear);
+        follow(context, camera.stream, index, ray, seen_by_camera ? &camera : nullptr, v, passed, pass_probability);
     result.rays += std::uint32_t(passed) + 1;
     if (end == EdgeEnd::kLost) break;
     if (options.null_counts && (edges += passed) > options.max_depth) break;
@@ -279,7 +279,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
           tally.add(state, beta * le * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1);
         }
       }
-      observe(index, nullptr, le, light_pdf, clear);
+      observe(index, nullptr, le, light_pdf, pass_probability);
       break;
     }
     if (v.material().has_absorption()) beta *= absorption(v, length(v.s.p - previous));
@@ -313,7 +313,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
         if (features == Features::kAll) f.albedo = v.bsdf.albedo(v.s.wo);
       }
     }
-    observe(index, &v, emitted, light_pdf, clear);
+    observe(index, &v, emitted, light_pdf, pass_probability);
     if (edges >= options.max_depth || v.bsdf.empty()) break;
     const VertexNumbers u = camera.stream.vertex(index);
 

@@ -15,8 +15,8 @@ void ShiftObserver::start(const Vertex* first, const Rgb& emitted) {
     camera.ray = context_.camera.ray(camera.film, camera.lens, camera.time);
     Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, camera.time};
     int passed = 0;
-    float clear = 1;
-    const EdgeEnd end = follow(context_, camera_.stream, 0, ray, &camera, o.vertex, passed, clear);
+    float pass_probability = 1;
+    const EdgeEnd end = follow(context_, camera_.stream, 0, ray, &camera, o.vertex, passed, pass_probability);
     rays_ += std::uint64_t(passed) + 1;
     Rgb offset_emitted;
     if (end == EdgeEnd::kEnvironment) {
@@ -218,7 +218,7 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
     return;
   }
   scatter(e, value, pdf, jacobian, eta, o);
-  o.beta *= arriving * (visible / e.clear);
+  o.beta *= arriving * (visible / e.pass_probability);
   o.g += (o.beta * emitted - base) * (1 / (base_weight + others));
   if (!e.to) {
     o.state = OffsetPath::kDead;
@@ -279,8 +279,8 @@ void ShiftObserver::copy_half_vector(const Extension& e, const Rgb& base, Offset
   Ray ray{context_.rays.offset_origin(s.p, s.ng, wi), wi, 0, kInfinity, camera_.time};
   Vertex next;
   int passed = 0;
-  float clear = 1;
-  const EdgeEnd end = follow(context_, camera_.stream, e.index, ray, nullptr, next, passed, clear);
+  float pass_probability = 1;
+  const EdgeEnd end = follow(context_, camera_.stream, e.index, ray, nullptr, next, passed, pass_probability);
   rays_ += std::uint64_t(passed) + 1;
   if (end == EdgeEnd::kLost || (end == EdgeEnd::kEnvironment) != !e.to) return fail();
   if (end == EdgeEnd::kSurface) next.make_bsdf();

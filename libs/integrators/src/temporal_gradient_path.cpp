@@ -90,7 +90,7 @@ class TemporalGradientPathIntegrator final : public Integrator {
   }
 
   int frames_before() const override { return 1; }
-  std::vector<std::string> carried() const override {
+  std::vector<std::string> layers_for_next_frame() const override {
     if (options_.adaptive.mode == AdaptiveOptions::Mode::kOff) return {};
     return {layers::samples().name};
   }
@@ -100,7 +100,7 @@ class TemporalGradientPathIntegrator final : public Integrator {
   std::unique_ptr<FramePlan> prepare(const FrameContext& context, const FrameContext* before,
                                      const Frame* rendered) const override {
     auto plan = std::make_unique<ReplayPlan>(context, options_);
-    if (!context.for_next) plan->map = make_replay_map(*before, context);
+    if (!context.only_for_next_frame) plan->map = make_replay_map(*before, context);
     if (rendered) plan->samples_before = rendered->layer(layers::samples().name);
     return plan;
   }
@@ -112,7 +112,7 @@ class TemporalGradientPathIntegrator final : public Integrator {
               std::stop_token stop) const override {
     auto& plan = *static_cast<ReplayPlan*>(context.plan);
     if (!plan.base.render(context, options_, tile, out, counters, stop)) return;
-    if (!plan.base.last() || context.for_next) return;
+    if (!plan.base.last() || context.only_for_next_frame) return;
     if (!render_offset(context, plan, tile, out, counters, stop)) return;
     write_motion(context, tile, out);
   }
@@ -144,8 +144,8 @@ class TemporalGradientPathIntegrator final : public Integrator {
         PixelKey key{context.frame + kFillStreams, x, y};
         if (replayed) {
           key = {context.frame - 1, sx, sy};
-          key.turn_x = turn(context.settings.filter, from.residue.x);
-          key.turn_y = turn(context.settings.filter, from.residue.y);
+          key.rotation_x = rotation(context.settings.filter, from.residue.x);
+          key.rotation_y = rotation(context.settings.filter, from.residue.y);
         }
         const int count = replayed && !plan.samples_before.empty() ? int(plan.samples_before.at(sx - x0, sy - y0))
                                                                    : offset_samples(context.settings);
@@ -162,9 +162,9 @@ class TemporalGradientPathIntegrator final : public Integrator {
   /// leave it on one side come back on the other, so that the density stays even. In units of PixelKey. Beyond [Manzi
   /// 2016], where matter moves against the pixel by what rounding leaves over. Other filters are not even: turned by
   /// what is right in their middle, samples further out stray more than without.
-  int turn(const PixelFilter& filter, float residue) const {
+  int rotation(const PixelFilter& filter, float residue) const {
     if (!subpixel_motion_ || filter.kind() != FilterKind::kBox) return 0;
-    return int(std::lround(residue / (2 * filter.radius()) * PixelKey::kFullTurn));
+    return int(std::lround(residue / (2 * filter.radius()) * PixelKey::kFullRotation));
   }
 
   GradientOptions options_;

@@ -55,8 +55,8 @@ struct TestShot {
     return scene.cameras.back();
   }
 
-  /// `for_next`: only what the next frame needs of this one.
-  Frame render(int frame = 0, bool for_next = false) const {
+  /// `only_for_next_frame`: only what the next frame needs of this one.
+  Frame render(int frame = 0, bool only_for_next_frame = false) const {
     validate(scene);
     Params params(find_integrator(integrator).params);
     for (std::size_t at = 0; at < parameters.size();) {
@@ -73,11 +73,11 @@ struct TestShot {
     scaled.spp *= test::effort();
     const FrameScene frame_scene(scene, scaled, classifier, frame, 1.0 / 16, cache);
     const PrecedingFrame before(frame_scene);
-    FrameContext context = frame_scene.context(nullptr, for_next);
-    std::optional<Frame> carried;
-    if (!for_next && !renderer->carried().empty()) carried = render(frame - 1, true);
+    FrameContext context = frame_scene.context(nullptr, only_for_next_frame);
+    std::optional<Frame> layers_before;
+    if (!only_for_next_frame && !renderer->layers_for_next_frame().empty()) layers_before = render(frame - 1, true);
     const auto plan =
-        renderer->prepare(context, renderer->frames_before() ? &before.context() : nullptr, carried ? &*carried : nullptr);
+        renderer->prepare(context, renderer->frames_before() ? &before.context() : nullptr, layers_before ? &*layers_before : nullptr);
     context.plan = plan.get();
     Frame out = make_frame(*renderer, scaled, scene);
     RenderCounters counters;

@@ -81,19 +81,19 @@ struct Sequence {
 struct PreparedFrame {
   FrameScene scene;
   std::unique_ptr<FramePlan> plan;
-  bool for_next;
+  bool only_for_next_frame;
 
-  /// `rendered`: as Integrator::prepare takes it; `for_next`: whether only what the next frame needs is wanted.
-  PreparedFrame(Sequence& q, int frame, const Frame* rendered, bool for_next_ = false)
-      : scene(q.scene, q.shot.settings, q.classifier, frame, q.motion_step(), q.cache), for_next(for_next_) {
-    if (q.integrator->frames_before() == 0 || for_next) {
+  /// `rendered`: as Integrator::prepare takes it; `only_for_next_frame`: whether only what the next frame needs is wanted.
+  PreparedFrame(Sequence& q, int frame, const Frame* rendered, bool only_for_next_frame_ = false)
+      : scene(q.scene, q.shot.settings, q.classifier, frame, q.motion_step(), q.cache), only_for_next_frame(only_for_next_frame_) {
+    if (q.integrator->frames_before() == 0 || only_for_next_frame) {
       plan = q.integrator->prepare(context(), nullptr, nullptr);
       return;
     }
     const PrecedingFrame before(scene);
     plan = q.integrator->prepare(context(), &before.context(), rendered);
   }
-  FrameContext context() const { return scene.context(plan.get(), for_next); }
+  FrameContext context() const { return scene.context(plan.get(), only_for_next_frame); }
 };
 
 RenderTotals totals_of(RenderCounters& c) { return {c.samples, c.rays, c.shadow_rays, c.bad_samples, c.first_bad}; }
@@ -202,10 +202,10 @@ bool is_finished(const Sequence& q, int frame, const std::string& path) {
   return false;
 }
 
-/// The layers of a frame that the next one carries over.
-Frame carried_layers(const Sequence& q, const Frame& frame) {
+/// The layers of a frame that the next one needs_before over.
+Frame keep_layers_for_next_frame(const Sequence& q, const Frame& frame) {
   Frame result(frame.width(), frame.height());
-  for (const std::string& name : q.integrator->carried()) {
+  for (const std::string& name : q.integrator->layers_for_next_frame()) {
     const Layer* layer = frame.find(name);
     result.create(layer->desc) = layer->image;
   }
@@ -213,25 +213,25 @@ Frame carried_layers(const Sequence& q, const Frame& frame) {
 }
 
 /// Those layers from the file of the frame, if it holds what would be rendered, else rendered for them alone.
-Frame make_carried(Sequence& q, int frame, const std::stop_token& stop) {
+Frame layers_of_frame_before(Sequence& q, int frame, const std::stop_token& stop) {
   const std::string path = frame_path(q.shot.output, frame);
   try {
     if (std::error_code ignored;
         std::filesystem::exists(path, ignored) && has_fingerprint(q, frame, read_metadata(path))) {
       ReadOptions options;
-      options.layers = q.integrator->carried();
+      options.layers = q.integrator->layers_for_next_frame();
       return read_frame(path, options);
     }
   } catch (const Error& e) {
     log_debug(fmt::format("frame {}: {} cannot be used: {}", frame, path, e.message()));
   }
-  log_info(fmt::format("frame {}: sampling the frame before, whose sample counts it repeats", frame + 1));
+  log_info(fmt::format("frame {}: first rendering what it needs of the frame before", frame + 1));
   Frame picture = make_frame(*q.integrator, q.shot.settings, q.scene);
   const PreparedFrame prepared(q, frame, nullptr, true);
   CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
   std::mutex mutex;
   render_rounds(q, prepared.context(), picture, state, mutex, stop, [](const Tile&, const RenderTotals&) {});
-  return carried_layers(q, picture);
+  return keep_layers_for_next_frame(q, picture);
 }
 
 /// Refuses before rendering a camera that some frame cannot be seen through. Errors: those of CameraModel.
@@ -419,19 +419,19 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     for (RenderObserver* o : observers) o->frame_end(r);
   };
   FrameWriter writer(written, halt);
-  const bool carries = !q.integrator->carried().empty();
-  std::optional<std::pair<int, Frame>> carried;
+  const bool needs_before = !q.integrator->layers_for_next_frame().empty();
+  std::optional<std::pair<int, Frame>> before_layers;
 
   for (const int f : plan.frames) {
     if (halt.stop_requested()) break;
     const double frame_begin = now();
     const std::string path = frame_path(shot.output, f), partial = checkpoint_path(path);
-    const std::string print = fingerprint(shot, scene, f);
+    const std::string frame_fingerprint = fingerprint(shot, scene, f);
     Frame frame = make_frame(*q.integrator, shot.settings, scene);
     CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
     if (std::error_code ignored; options.resume && std::filesystem::exists(partial, ignored)) {
       std::string why;
-      if (auto saved = load_checkpoint(partial, print, frame, q.tiles, why)) {
+      if (auto saved = load_checkpoint(partial, frame_fingerprint, frame, q.tiles, why)) {
         state = std::move(*saved);
         log_info(fmt::format("frame {}: continuing from {} with {} of {} tiles done", f, partial,
                              std::count(state.done.begin(), state.done.end(), 1), q.tiles.size()));
@@ -439,8 +439,8 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
         log_info(fmt::format("frame {}: starting over, because {} cannot be used: {}", f, partial, why));
       }
     }
-    if (carries && (!carried || carried->first != f - 1)) carried = {f - 1, make_carried(q, f - 1, halt.get_token())};
-    const PreparedFrame prepared(q, f, carries ? &carried->second : nullptr);
+    if (needs_before && (!before_layers || before_layers->first != f - 1)) before_layers = {f - 1, layers_of_frame_before(q, f - 1, halt.get_token())};
+    const PreparedFrame prepared(q, f, needs_before ? &before_layers->second : nullptr);
     log_debug(fmt::format("frame {}: built in {:.3f} s, {:.1f} MiB, {} pieces between jumps", f, now() - frame_begin,
                           double(prepared.scene.memory()) / (1 << 20), prepared.scene.piece_count()));
     for (RenderObserver* o : observers) {
@@ -458,7 +458,7 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     {
       const PeriodicCheckpoint periodic(rounds == 1 ? options.checkpoint_seconds : 0, [&] {
         try {
-          save_checkpoint(partial, print, frame, q.tiles, snapshot());
+          save_checkpoint(partial, frame_fingerprint, frame, q.tiles, snapshot());
         } catch (const Error& e) {
           log_warning(fmt::format("no checkpoint of frame {}: {}", f, e.what()));
         }
@@ -475,19 +475,19 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
         log_info(fmt::format("frame {}: stopped; it will start over, as frames with adaptive sampling do", f));
         break;
       }
-      save_checkpoint(partial, print, frame, q.tiles, snapshot());
+      save_checkpoint(partial, frame_fingerprint, frame, q.tiles, snapshot());
       log_info(fmt::format("frame {}: stopped; {} of {} tiles are kept in {}", f,
                            std::count(state.done.begin(), state.done.end(), 1), q.tiles.size(), partial));
       break;
     }
 
     finish_frame(*q.integrator, prepared.context(), frame);
-    if (carries) carried = {f, carried_layers(q, frame)};
+    if (needs_before) before_layers = {f, keep_layers_for_next_frame(q, frame)};
     RenderInfo info = render_info_of(q, f);
     info.command = options.command;
     info.render_seconds = earlier + now() - frame_begin;
     set_render_info(frame.metadata, info);
-    frame.metadata[kFingerprintKey] = print;
+    frame.metadata[kFingerprintKey] = frame_fingerprint;
     const double aspect = scene.cameras[std::size_t(shot.settings.camera)].pixel_aspect;
     if (aspect != 1) frame.metadata[kPixelAspectKey] = aspect;
     if (shot.settings.crop_width > 0) {  // layers of pixel indices count in the full picture
@@ -507,7 +507,7 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     const bool own = n == own_key(shot.settings, b.frame, b.x, b.y);
     log_warning(fmt::format("{} samples were not finite and were left out; see one of them: {} --replay {},{},{},{}{}",
                             t.bad_samples, options.command, b.frame, b.x, b.y, b.sample,
-                            own ? "" : fmt::format(",{},{},{},{},{}", n.stream, n.x, n.y, n.turn_x, n.turn_y)));
+                            own ? "" : fmt::format(",{},{},{},{},{}", n.stream, n.x, n.y, n.rotation_x, n.rotation_y)));
   }
   if (report.frames.size() < plan.frames.size()) {
     throw Error(ErrorCode::kCancelled, fmt::format("stopped; {} of {} frames are done, --resume continues",
@@ -519,9 +519,9 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
 Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals* totals) {
   Sequence q(shot, scene);
   Frame picture = make_frame(*q.integrator, shot.settings, scene);
-  std::optional<Frame> carried;
-  if (!q.integrator->carried().empty()) carried = make_carried(q, frame - 1, {});
-  const PreparedFrame prepared(q, frame, carried ? &*carried : nullptr);
+  std::optional<Frame> before_layers;
+  if (!q.integrator->layers_for_next_frame().empty()) before_layers = layers_of_frame_before(q, frame - 1, {});
+  const PreparedFrame prepared(q, frame, before_layers ? &*before_layers : nullptr);
   CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
   std::mutex mutex;
   render_rounds(q, prepared.context(), picture, state, mutex, {}, [](const Tile&, const RenderTotals&) {});

@@ -384,15 +384,15 @@ void combine_passes(const Input& in, PoissonFrame& out) {
       0, h,
       [&](std::int64_t row) {
         const int y = int(row);
-        const auto put = [&](RowSet set, int x, const Image& base, const Image& offset, bool both) {
+        const auto set_row = [&](RowSet set, int x, const Image& base, const Image& offset, bool both) {
           const Rgb b = base.rgb(x, y), v = both ? (b + offset.rgb(x, y)) * 0.5f : b;
           for (int c = 0; c < 3; ++c) out.data(set, y, c)[x] = v[c];
         };
         for (int x = 0; x < w; ++x) {
           const bool here = in.is_sampled(x, y);
-          put(RowSet::kPrimal, x, in.base.color, in.offset.color, here);
-          if (x + 1 < w) put(RowSet::kDx, x, in.base.grad_x, in.offset.grad_x, here && in.is_sampled(x + 1, y));
-          if (y + 1 < h) put(RowSet::kDy, x, in.base.grad_y, in.offset.grad_y, here && in.is_sampled(x, y + 1));
+          set_row(RowSet::kPrimal, x, in.base.color, in.offset.color, here);
+          if (x + 1 < w) set_row(RowSet::kDx, x, in.base.grad_x, in.offset.grad_x, here && in.is_sampled(x + 1, y));
+          if (y + 1 < h) set_row(RowSet::kDy, x, in.base.grad_y, in.offset.grad_y, here && in.is_sampled(x, y + 1));
         }
       },
       8);
@@ -406,14 +406,14 @@ DataVariance variance_between_passes(const Input& in, int w, int h) {
       0, h,
       [&](std::int64_t row) {
         const int y = int(row);
-        const auto put = [&](Image& image, int x, const Image& base, const Image& offset, bool both) {
+        const auto set_row = [&](Image& image, int x, const Image& base, const Image& offset, bool both) {
           const Rgb d = (base.rgb(x, y) - offset.rgb(x, y)) * 0.5f;
           image.at(x, y) = both ? (d.r * d.r + d.g * d.g + d.b * d.b) / 3 : -1;
         };
         for (int x = 0; x < w; ++x) {
           const bool here = in.is_sampled(x, y);
-          put(out.dx, x, in.base.grad_x, in.offset.grad_x, here && x + 1 < w && in.is_sampled(x + 1, y));
-          put(out.dy, x, in.base.grad_y, in.offset.grad_y, here && y + 1 < h && in.is_sampled(x, y + 1));
+          set_row(out.dx, x, in.base.grad_x, in.offset.grad_x, here && x + 1 < w && in.is_sampled(x + 1, y));
+          set_row(out.dy, x, in.base.grad_y, in.offset.grad_y, here && y + 1 < h && in.is_sampled(x, y + 1));
         }
       },
       8);
@@ -428,14 +428,14 @@ void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
       [&](std::int64_t row) {
         const int y = int(row);
         for (const MotionRun& r : out.motion.from_row(y)) {
-          const auto put = [&](RowSet set, int x, const Image& from, const Image& to) {
+          const auto set_row = [&](RowSet set, int x, const Image& from, const Image& to) {
             const Rgb d = to.rgb(x + r.dx, y + r.dy) - from.rgb(x, y);
             for (int c = 0; c < 3; ++c) out.data(set, y, c)[x] = d[c];
           };
           for (int i = 0; i < r.length; ++i) {
-            put(RowSet::kDt, r.x + i, base.color, next.offset.color);
-            if (i < r.mixed_x) put(RowSet::kDxDt, r.x + i, base.grad_x, next.offset.grad_x);
-            if (r.mixed_y) put(RowSet::kDyDt, r.x + i, base.grad_y, next.offset.grad_y);
+            set_row(RowSet::kDt, r.x + i, base.color, next.offset.color);
+            if (i < r.mixed_x) set_row(RowSet::kDxDt, r.x + i, base.grad_x, next.offset.grad_x);
+            if (r.mixed_y) set_row(RowSet::kDyDt, r.x + i, base.grad_y, next.offset.grad_y);
           }
         }
       },
@@ -800,15 +800,15 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
   std::map<int, std::string> targets;  // frame -> fingerprint
   for (const int f : wanted) {
     check_stop();
-    const std::string print = fingerprint(f);
-    if (options.resume && is_finished(out_path(f), print)) {
+    const std::string frame_fingerprint = fingerprint(f);
+    if (options.resume && is_finished(out_path(f), frame_fingerprint)) {
       report.skipped.push_back(f);
     } else {
-      targets[f] = print;
+      targets[f] = frame_fingerprint;
     }
   }
   std::vector<int> windows;
-  for (const auto& [f, print] : targets) {
+  for (const auto& [f, frame_fingerprint] : targets) {
     for (int k = grid.first_with(f); k <= grid.last_with(f); ++k) {
       if (windows.empty() || windows.back() < k) windows.push_back(k);
     }
@@ -816,7 +816,7 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
   {
     std::vector<int> frames;
     frames.reserve(targets.size());
-    for (const auto& [f, print] : targets) frames.push_back(f);
+    for (const auto& [f, frame_fingerprint] : targets) frames.push_back(f);
     observer.begin(frames, report.skipped);
   }
   if (!targets.empty()) {

@@ -20,7 +20,7 @@ class FrameScene {
   FrameScene(const FrameScene&) = delete;
   FrameScene& operator=(const FrameScene&) = delete;
 
-  FrameContext context(FramePlan* plan = nullptr, bool for_next = false) const;
+  FrameContext context(FramePlan* plan = nullptr, bool only_for_next_frame = false) const;
   /// Bytes held by Embree and by vertex buffers, the cache's included.
   std::uint64_t memory() const;
   std::size_t piece_count() const { return pieces_.size(); }

@@ -85,7 +85,7 @@ struct FrameContext {
   const RenderSettings& settings;
   int frame = 0;
   FramePlan* plan = nullptr;  ///< what the integrator's `prepare` returned; a tile changes nothing of another's there
-  bool for_next = false;      ///< only what the next frame needs (Integrator::carried) is wanted of this one
+  bool only_for_next_frame = false;      ///< only what the next frame needs (Integrator::layers_for_next_frame) is wanted of this one
   /// For each piece of the exposure what its rays and lights are; none if there is but one piece.
   std::span<const FrameContext> pieces{};
 
@@ -105,11 +105,11 @@ struct Tile {
 
 /// Which random numbers a pixel takes: those of a pixel of a stream, usually its own of its frame.
 struct PixelKey {
-  static constexpr int kFullTurn = 256;
+  static constexpr int kFullRotation = 256;
   std::int64_t stream = 0;
   int x = 0, y = 0;
-  /// Added to the two numbers that place a sample on the film, modulo 1; in units of 1 / kFullTurn.
-  int turn_x = 0, turn_y = 0;
+  /// Added to the two numbers that place a sample on the film, modulo 1; in units of 1 / kFullRotation.
+  int rotation_x = 0, rotation_y = 0;
   bool operator==(const PixelKey&) const = default;
 };
 /// The numbers that pixel (x, y) of a frame has for itself.
@@ -148,10 +148,10 @@ class Integrator {
   /// How many frames before the one that is rendered `prepare` looks at: 0 or 1.
   virtual int frames_before() const { return 0; }
   /// Layers of the frame before that `prepare` needs as they were rendered.
-  virtual std::vector<std::string> carried() const { return {}; }
+  virtual std::vector<std::string> layers_for_next_frame() const { return {}; }
   /// Called before the tiles of a frame. `before`: the preceding frame, if frames_before() asks for it; its rays serve
-  /// the middle of its exposure only. `rendered`: the layers of that frame that carried() names; null if it names none,
-  /// or if context.for_next. Threads: called from one, may use parallel_for.
+  /// the middle of its exposure only. `rendered`: the layers of that frame that layers_for_next_frame() names; null if it names none,
+  /// or if context.only_for_next_frame. Threads: called from one, may use parallel_for.
   virtual std::unique_ptr<FramePlan> prepare(const FrameContext& /*context*/, const FrameContext* /*before*/,
                                              const Frame* /*rendered*/) const {
     return nullptr;
