@@ -195,7 +195,8 @@ ColorSpace color_space_of(const OIIO::ImageInput& input, const std::string& name
     }
   }
   const std::string oiio = spec.get_string_attribute("oiio:ColorSpace");
-  if (oiio.empty() || oiio == "unknown") return fallback;
+  // Of PPM and PFM, which say nothing, it reports Rec. 709 all the same.
+  if (oiio.empty() || oiio == "unknown" || std::strcmp(input.format_name(), "pnm") == 0) return fallback;
   const auto space = oiio_color_space(spec, lower(oiio), std::strcmp(input.format_name(), "png") == 0);
   return space ? *space : unknown(fmt::format("the color space \"{}\"", oiio));
 }
