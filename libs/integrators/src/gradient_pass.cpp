@@ -140,7 +140,8 @@ Rgb replay_gradients(const FrameContext& context, const GradientOptions& options
   ShiftObserver shifts(context, options.path, options.roughness_threshold, camera,
                        inside(context.settings, sample.x, sample.y));
   std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
-  const Rgb radiance = trace_path(context, options.path, camera, {}, classes, Features::kNone, shifts).radiance * camera.weight;
+  const Rgb radiance =
+      trace_path(context, options.path, camera, {}, classes, Features::kNone, shifts).radiance * camera.weight;
   for (std::size_t j = 0; j < 4 && is_finite(radiance); ++j) {
     if (!is_finite(shifts.g(j))) return shifts.g(j);
   }

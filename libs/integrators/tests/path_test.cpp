@@ -543,7 +543,8 @@ std::vector<float> seen_of_coarse_ball(MaterialPtr material, bool bend) {
   TestShot shot;
   // Seen so that some facets are in view whose corners' normals are not.
   const Basis view(normalize(Vec3f{0.75f, 0.6f, -0.3f}));
-  const Affine3d turn{{view.s.x, view.t.x, view.n.x}, {view.s.y, view.t.y, view.n.y}, {view.s.z, view.t.z, view.n.z}, {}};
+  const Affine3d turn{
+      {view.s.x, view.t.x, view.n.x}, {view.s.y, view.t.y, view.n.y}, {view.s.z, view.t.z, view.n.z}, {}};
   shot.add(coarse_ball(), std::move(material), shot.node(turn));
   Environment sky;
   sky.radiance = Rgb(1.0f);
