@@ -183,7 +183,8 @@ GltfMaterial GltfMaterials::make(int index, bool vertex_colors) {
       made.material = make_normal_map(map, float(normal["scale"].number(1)), made.material);
       made.uses_tangents = true;
     }
-    // Radiance factor * texture * strength. Of a single-sided surface glTF shows the front alone, so that is what shines.
+    // Radiance factor * texture * strength. Of a single-sided surface glTF shows the front alone, so that is what
+    // shines.
     const Json strength = extensions["KHR_materials_emissive_strength"].object();
     const Animated<Rgb> emissive = product(factor(json, pointer, "emissiveFactor", 3, Rgb(0.0f), 1e30),
                                            factor(strength, pointer + "/extensions/KHR_materials_emissive_strength",

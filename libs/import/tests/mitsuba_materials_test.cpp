@@ -143,16 +143,15 @@ TEST(MitsubaTextures, WhatIsNoLightIsReadAsZeroWithOneWarning) {
   const auto bitmap = [](const char* name) {
     return fmt::format(R"(<texture name="{}" type="bitmap"><string name="filename" value="bad.pfm"/></texture>)", name);
   };
-  for (const std::string& bsdf :
-       {"<bsdf type=\"diffuse\">" + bitmap("reflectance") + "</bsdf>",
-        "<bsdf type=\"roughconductor\">" + bitmap("alpha") + "</bsdf>",
-        "<bsdf type=\"roughconductor\">" + bitmap("specular_reflectance") + "</bsdf>",
-        "<bsdf type=\"dielectric\">" + bitmap("specular_transmittance") + "</bsdf>",
-        "<bsdf type=\"principled\">" + bitmap("base_color") + "</bsdf>",
-        "<bsdf type=\"principled\">" + bitmap("metallic") + "</bsdf>",
-        "<bsdf type=\"principled\">" + bitmap("roughness") + "</bsdf>",
-        "<bsdf type=\"normalmap\">" + bitmap("normalmap") + "<bsdf type=\"diffuse\"/></bsdf>",
-        "<bsdf type=\"mask\">" + bitmap("opacity") + "<bsdf type=\"diffuse\"/></bsdf>"}) {
+  for (const std::string& bsdf : {"<bsdf type=\"diffuse\">" + bitmap("reflectance") + "</bsdf>",
+                                  "<bsdf type=\"roughconductor\">" + bitmap("alpha") + "</bsdf>",
+                                  "<bsdf type=\"roughconductor\">" + bitmap("specular_reflectance") + "</bsdf>",
+                                  "<bsdf type=\"dielectric\">" + bitmap("specular_transmittance") + "</bsdf>",
+                                  "<bsdf type=\"principled\">" + bitmap("base_color") + "</bsdf>",
+                                  "<bsdf type=\"principled\">" + bitmap("metallic") + "</bsdf>",
+                                  "<bsdf type=\"principled\">" + bitmap("roughness") + "</bsdf>",
+                                  "<bsdf type=\"normalmap\">" + bitmap("normalmap") + "<bsdf type=\"diffuse\"/></bsdf>",
+                                  "<bsdf type=\"mask\">" + bitmap("opacity") + "<bsdf type=\"diffuse\"/></bsdf>"}) {
     folder.warnings.report();
     const Scene s = folder.load("<shape type=\"disk\">" + bsdf + "</shape>");
     EXPECT_FALSE(s.bend_normals) << "Mitsuba's convention";

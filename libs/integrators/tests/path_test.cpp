@@ -582,7 +582,11 @@ TEST(Path, UnknownLayersAreNamed) {
 /// A coarse ball of `material` in a white world; radiance of the pixels that it covers wholly.
 std::vector<float> seen_of_coarse_ball(MaterialPtr material, bool bend) {
   TestShot shot;
-  shot.add(coarse_ball(), std::move(material), shot.node(Affine3d(rotation(axis_angle(Vec3d{1, 2, 3}, 0.7)))));
+  // Seen so that some facets are in view whose corners' normals are not.
+  const Basis view(normalize(Vec3f{0.75f, 0.6f, -0.3f}));
+  const Affine3d turn{
+      {view.s.x, view.t.x, view.n.x}, {view.s.y, view.t.y, view.n.y}, {view.s.z, view.t.z, view.n.z}, {}};
+  shot.add(coarse_ball(), std::move(material), shot.node(turn));
   Environment sky;
   sky.radiance = Rgb(1.0f);
   sky.camera_visible = false;
@@ -602,19 +606,25 @@ std::vector<float> seen_of_coarse_ball(MaterialPtr material, bool bend) {
 TEST(Path, BentNormalsLeaveNoBlackPatches) {
   MetallicRoughnessParams paint;
   paint.metallic = 0.0f, paint.roughness = 0.4f;
-  for (const MaterialPtr& m : {make_diffuse(0.8f), make_plastic({}), make_metallic_roughness(paint)}) {
+  const MaterialPtr two_sided = make_metallic_roughness(paint);  // seen from inside instead of black
+  for (const MaterialPtr& m : {make_diffuse(0.8f), make_plastic({}), two_sided}) {
     const std::vector<float> plain = seen_of_coarse_ball(m, false), bent = seen_of_coarse_ball(m, true);
     ASSERT_GT(bent.size(), 300u);
-    EXPECT_LT(*std::min_element(plain.begin(), plain.end()), 0.02f) << "without, there are";
+    if (m != two_sided) {
+      EXPECT_LT(*std::min_element(plain.begin(), plain.end()), 0.02f) << "without, there are";
+    }
     EXPECT_GT(*std::min_element(bent.begin(), bent.end()), 0.15f);
     EXPECT_LT(*std::max_element(bent.begin(), bent.end()), 1.05f) << "nothing gains light";
   }
   // A mirror shows the world everywhere: nothing of what it reflects is its own inside.
   for (const float v : seen_of_coarse_ball(make_conductor({}), true)) EXPECT_NEAR(v, 1, 1e-3f);
-  // Glass loses nothing either way.
-  const std::vector<float> glass = seen_of_coarse_ball(make_dielectric({}), true);
-  for (const float v : glass) EXPECT_NEAR(v, 1, 0.05f);  // Russian roulette
-  EXPECT_NEAR(std::accumulate(glass.begin(), glass.end(), 0.0) / double(glass.size()), 1, 1e-3);
+  // Glass is as it was.
+  const std::vector<float> bent = seen_of_coarse_ball(make_dielectric({}), true),
+                           plain = seen_of_coarse_ball(make_dielectric({}), false);
+  const auto mean = [](const std::vector<float>& v) {
+    return std::accumulate(v.begin(), v.end(), 0.0) / double(v.size());
+  };
+  EXPECT_NEAR(mean(bent), mean(plain), 3e-3);
 }
 
 TEST(Path, BentNormalsChangeNothingWhereNormalsFit) {

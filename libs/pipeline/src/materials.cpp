@@ -52,8 +52,7 @@ SourceLoc MaterialValues::loc(const std::string& name) const {
 
 Rgb MaterialValues::checked(const std::string& name, const Rgb& c) const {
   if (std::min({c.r, c.g, c.b}) >= 0) return c;
-  throw Error(ErrorCode::kOutOfRange, loc(name),
-              fmt::format("{} = \"{}\" is below 0", name, params_.get_string(name)));
+  throw Error(ErrorCode::kOutOfRange, loc(name), fmt::format("{} = \"{}\" is below 0", name, params_.get_string(name)));
 }
 
 Rgb MaterialValues::color(const std::string& name) const {

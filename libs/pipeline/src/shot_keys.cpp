@@ -121,7 +121,10 @@ std::span<const OpenTable> shot_tables() {
       {"decompose", "name",
        "as classes, but checked to be disjoint; with the layer class.residual.color they add up to color"},
       {"define", "name", "values of the scene file's own parameters (Mitsuba's $name)"},
-      {"materials", "material", "materials that replace those of this name in the scene: type and its parameters; without a type, opacity, two_sided and emission change the scene's own", 2},
+      {"materials", "material",
+       "materials that replace those of this name in the scene: type and its parameters; without a type, opacity, "
+       "two_sided and emission change the scene's own",
+       2},
       {"cameras", "camera", "as [camera], for the camera of this name whether or not it renders", 2},
       {"lights", "light", "changes of the light, or of the emitting object, of this name", 2},
       {"caches", "mesh", "vertex cache that moves the object's or mesh's vertices", 2},

@@ -163,8 +163,8 @@ int Bsdf::add_rotated_frame(int index, const Vec2f& direction) {
 
 int Bsdf::add_layer(const BsdfLayer& layer) { return layers_.push(layer); }
 
-/// Fades light out at the horizon. Without one: zero if wi is on different sides of a perturbed normal and its parent's,
-/// else the bump shadowing term.
+/// Fades light out at the horizon. Without one: zero if wi is on different sides of a perturbed normal and its
+/// parent's, else the bump shadowing term.
 float Bsdf::frame_factor(const Frame& frame, const Vec3f& wi, float roughness) const {
   if (frame.n_ng > 0) return terminator_factor(dot(horizon_, wi), dot(frame.basis.n, wi), frame.n_ng, roughness);
   float factor = 1;

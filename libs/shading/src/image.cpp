@@ -283,9 +283,8 @@ class PagedImage final : public Image {
         continue;
       }
       float v = type == OIIO::TypeUInt16 ? float(static_cast<const std::uint16_t*>(texels)[at]) * (1.0f / 65535)
-                      : type == OIIO::TypeHalf
-                          ? half_to_float(static_cast<const std::uint16_t*>(texels)[at])
-                          : static_cast<const float*>(texels)[at];  // what the cache makes of all else
+                : type == OIIO::TypeHalf ? half_to_float(static_cast<const std::uint16_t*>(texels)[at])
+                                         : static_cast<const float*>(texels)[at];  // what the cache makes of all else
       if (!is_usable(v, keep_negative_)) {
         v = 0;
         // The whole file is never looked at, so that this is said when the first is met.

@@ -458,7 +458,8 @@ TEST(Bsdf, AlbedoOfWhatLosesNothingIsOne) {
     return make_dielectric({ior, 1, 1.0f, 1.0f, thin, r});
   };
   // What is nearly smooth loses little between its facets. Deltas and diffuse surfaces have closed forms.
-  const Roughness fine = rough(0.02f, 0.02f, Microfacets::kGgx), fine_beckmann = rough(0.02f, 0.02f, Microfacets::kBeckmann);
+  const Roughness fine = rough(0.02f, 0.02f, Microfacets::kGgx),
+                  fine_beckmann = rough(0.02f, 0.02f, Microfacets::kBeckmann);
   const auto solid = [](float roughness) {
     return gltf([&](auto& p) { p.transmission = 1.0f, p.roughness = roughness, p.thin_walled = false; });
   };
@@ -473,7 +474,8 @@ TEST(Bsdf, AlbedoOfWhatLosesNothingIsOne) {
       {"rough glass", glass(false, fine), 0.02},
       {"rough glass of Beckmann facets", glass(false, fine_beckmann), 0.02},
       {"thin glass", glass(true), 1e-5},
-      {"principled glass", principled([](auto& p) { p.base_color = 1.0f, p.spec_trans = 1.0f, p.roughness = 0.1f; }), 0.02},
+      {"principled glass", principled([](auto& p) { p.base_color = 1.0f, p.spec_trans = 1.0f, p.roughness = 0.1f; }),
+       0.02},
       {"glTF glass", solid(0), 1e-5},
       {"glTF rough glass", solid(0.1f), 0.02},
       {"glTF pane", gltf([](auto& p) { p.transmission = 1.0f, p.roughness = 0.0f; }), 1e-5},
@@ -521,8 +523,10 @@ TEST(Bsdf, AlbedoOfTintedGlassIsItsReflectanceAndTransmittance) {
            p.transmission = 1.0f, p.roughness = 0.0f, p.base_color = Rgb{0.25f, 0.5f, 1}, p.tints_once = true;
          }),
          wo, {f + 0.25 * (1 - f), f + 0.5 * (1 - f), 1}, 1e-5);
-  expect(principled([](auto& p) { p.base_color = Rgb{0.25f, 0.5f, 1}, p.spec_trans = 1.0f, p.roughness = 0.1f; }), wo,
-         {r + 0.5 * (1 - r), r + std::sqrt(0.5) * (1 - r), 1}, 0.02);
+  expect(principled([](auto& p) {
+           p.base_color = Rgb{0.25f, 0.5f, 1}, p.spec_trans = 1.0f, p.roughness = 0.1f;
+         }),
+         wo, {r + 0.5 * (1 - r), r + std::sqrt(0.5) * (1 - r), 1}, 0.02);
 }
 
 TEST(Bsdf, LobesBeyondTheCapacityAreRefusedWhenTheMaterialIsBuilt) {

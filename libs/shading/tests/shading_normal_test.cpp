@@ -163,9 +163,8 @@ TEST(BentBsdf, InterfacesThatTransmitKeepTheirNormals) {
   solid.metallic = frosted.metallic = pane.metallic = 0.0f;
   solid.roughness = pane.roughness = 0.0f, frosted.roughness = 0.5f;
   solid.thin_walled = frosted.thin_walled = false;
-  for (const MaterialPtr& m :
-       {make_dielectric({}), make_metallic_roughness(solid), make_metallic_roughness(frosted),
-        make_metallic_roughness(pane), make_dielectric({1.5f, 1, 1.0f, 1.0f, true, {}})}) {
+  for (const MaterialPtr& m : {make_dielectric({}), make_metallic_roughness(solid), make_metallic_roughness(frosted),
+                               make_metallic_roughness(pane), make_dielectric({1.5f, 1, 1.0f, 1.0f, true, {}})}) {
     ShadingPoint p = smooth_point(wo, tilted(15));
     const Bsdf bent = bent_bsdf(*m, p);
     p.bends = false;

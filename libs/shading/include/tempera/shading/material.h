@@ -37,9 +37,9 @@ using MaterialPtr = std::shared_ptr<const Material>;
 
 /// The same as make_bsdf for a point whose normals are to be bent.
 void make_bent_bsdf(const Material& material, const ShadingPoint& point, Bsdf& bsdf);
-/// Fills `bsdf` with the lobes of `material` at `point` as an eye path sees them: where ShadingPoint::bends says so, with
-/// normals bent for the viewer `point.wo` (bend_normal) after bump and normal mapping, and light that fades out at the
-/// horizon. A light path, or one that shall be followed backwards, leaves `bends` false.
+/// Fills `bsdf` with the lobes of `material` at `point` as an eye path sees them: where ShadingPoint::bends says so,
+/// with normals bent for the viewer `point.wo` (bend_normal) after bump and normal mapping, and light that fades out at
+/// the horizon. A light path, or one that shall be followed backwards, leaves `bends` false.
 inline void make_bsdf(const Material& material, const ShadingPoint& point, Bsdf& bsdf) {
   bsdf.clear();
   if (point.bends)
@@ -110,7 +110,7 @@ struct MetallicRoughnessParams {
   bool thin_walled = true;                              ///< no KHR_materials_volume, or thickness 0
   Rgb attenuation_color{1.0f};
   float attenuation_distance = kInfinity;  ///< metres
-  bool double_sided = true;  ///< false: black from behind unless it transmits
+  bool double_sided = true;                ///< false: black from behind unless it transmits
   /// How the base color tints what passes through a solid. false: at each crossing of its surface, as glTF says
   /// [KHR_materials_volume, "Base Color and Absorption"]. true: once in all, by its square root at each crossing, as
   /// Cycles does.
