@@ -87,7 +87,8 @@ std::string shot_page() {
   std::string out = fmt::format(
       "{}\n# shot.toml\n\n"
       "A shot names a scene and says how to render a sequence of it. Every key can be given on the command line, too: "
-      "by its flag, or by `--set KEY=VALUE` with what a line of shot.toml would have (`--set film.crop='[0, 0, 64, 48]'`, "
+      "by its flag, or by `--set KEY=VALUE` with what a line of shot.toml would have (`--set film.crop='[0, 0, 64, "
+      "48]'`, "
       "`--set 'film={{scale=50, filter=\"tent\"}}'`); text and lists of numbers may do without quotes and brackets "
       "(`--set film.crop=0,0,64,48`). Each value comes from the command line, else from shot.toml, else from the scene "
       "file, else it is the default below. Unknown keys are errors. Input files are relative to the folder of "

@@ -124,7 +124,8 @@ std::vector<std::string> command_names(const CLI::App& app) {
 }
 
 /// What is wrong with a command line that cannot be parsed, in one line.
-std::string usage_message(const CLI::App& app, const std::vector<std::string>& arguments, const CLI::ParseError& error) {
+std::string usage_message(const CLI::App& app, const std::vector<std::string>& arguments,
+                          const CLI::ParseError& error) {
   const CLI::App* command = &app;
   std::string name = app.get_name();
   for (std::size_t i = 1; i < arguments.size() && !command->get_subcommands(nullptr).empty(); ++i) {
@@ -163,8 +164,9 @@ std::string usage_message(const CLI::App& app, const std::vector<std::string>& a
   }
   const std::vector<std::string> remaining = app.remaining(true);
   if (!remaining.empty()) {
-    return fmt::format("\"{}\" is one argument too many for {}{}", remaining[0], name,
-                       positionals.empty() ? ", which takes none" : fmt::format("; usage: {} {}", name, fmt::join(positionals, " ")));
+    return fmt::format(
+        "\"{}\" is one argument too many for {}{}", remaining[0], name,
+        positionals.empty() ? ", which takes none" : fmt::format("; usage: {} {}", name, fmt::join(positionals, " ")));
   }
   return fmt::format("{}: {}; {} --help shows the usage", name, error.what(), name);
 }

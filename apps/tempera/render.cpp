@@ -127,7 +127,8 @@ Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender
     check_shot_encoding(config, layers, shot.write);
     if (!flags.tev.empty()) tev = make_tev_display(parse_tev_address(flags.tev), shot.source.stem().string());
     log_info(fmt::format("frames {}, to {}", describe_frames(shot.frames), shot.output));
-    if (shot.write.names != AovNames::kTempera) log_info(describe_aov_names(layers, shot.write.names, shot.write.view_layer));
+    if (shot.write.names != AovNames::kTempera)
+      log_info(describe_aov_names(layers, shot.write.names, shot.write.view_layer));
     const std::unique_ptr<RenderObserver> progress = make_progress(kind, flags.step);
     std::vector<RenderObserver*> observers{progress.get()};
     if (tev) observers.push_back(tev.get());
@@ -141,17 +142,17 @@ Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender
 
 void add_render(Program& program) {
   auto flags = std::make_shared<RenderFlags>();
-  CLI::App* command =
-      program.add("render", "Render frames to multi-layer EXR files.",
-                  {"tempera render scene.xml -o out/frame.####.exr --spp 256",
-                   "tempera render shot.toml --frames 1-24 --resume --layers motion,albedo,normal",
-                   "tempera render robot.glb -o out/r.####.exr --camera Main --shutter -0.25,0.25 --resolution 1920x1080",
-                   "tempera render shot.toml --decompose \"direct=ED;indirect=ED.+\" --tev 127.0.0.1:14158"},
-                  [&program, flags] {
-                    const Shot shot = render_shot(program, *flags);
-                    if (flags->replay.empty()) hint_at_reconstruction(shot);
-                    return 0;
-                  });
+  CLI::App* command = program.add(
+      "render", "Render frames to multi-layer EXR files.",
+      {"tempera render scene.xml -o out/frame.####.exr --spp 256",
+       "tempera render shot.toml --frames 1-24 --resume --layers motion,albedo,normal",
+       "tempera render robot.glb -o out/r.####.exr --camera Main --shutter -0.25,0.25 --resolution 1920x1080",
+       "tempera render shot.toml --decompose \"direct=ED;indirect=ED.+\" --tev 127.0.0.1:14158"},
+      [&program, flags] {
+        const Shot shot = render_shot(program, *flags);
+        if (flags->replay.empty()) hint_at_reconstruction(shot);
+        return 0;
+      });
   flags->add_to(*command);
 }
 

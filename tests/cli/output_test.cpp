@@ -13,8 +13,9 @@ class CliOutput : public CliTest {
  protected:
   /// Renders next to nothing.
   Outcome render(const std::string& output, const std::vector<std::string>& more = {}, const char* command = "render") {
-    std::vector<std::string> arguments{command, source_file("scenes/tests/cornell_motion.xml"), "-o", path(output),
-                                       "--resolution", "8x6", "--spp", "2"};
+    std::vector<std::string> arguments{
+        command, source_file("scenes/tests/cornell_motion.xml"), "-o", path(output), "--resolution", "8x6", "--spp",
+        "2"};
     arguments.insert(arguments.end(), more.begin(), more.end());
     return run(arguments);
   }
@@ -42,7 +43,8 @@ TEST_F(CliOutput, OneFrameIsOneFileAndSeveralAreNumbered) {
 }
 
 TEST_F(CliOutput, PatternsAndFolders) {
-  for (const char* pattern : {"h/f.####.exr", "a/f.@@@@.exr", "p/f.%04d.exr", "s/f.$F4.exr", "k/f.<F4>.exr", "n/f.####"}) {
+  for (const char* pattern :
+       {"h/f.####.exr", "a/f.@@@@.exr", "p/f.%04d.exr", "s/f.$F4.exr", "k/f.<F4>.exr", "n/f.####"}) {
     ASSERT_EQ(render(pattern, {"--frames", "3"}).status, 0) << pattern;
   }
   ASSERT_EQ(render("folder", {"--frames", "3"}).status, 0);
@@ -60,9 +62,12 @@ TEST_F(CliOutput, OtherFormatsAreRefusedWithTheNameThatWouldDo) {
     EXPECT_EQ(std::count(o.err.begin(), o.err.end(), '\n'), 1) << o.err;
     EXPECT_EQ(files(), before);
   };
-  for (const auto& [wrong, right] : std::vector<std::pair<std::string, std::string>>{
-           {"x.####.png", "x.####.exr"}, {"x.####.PNG", "x.####.exr"}, {"x.@@.jpg", "x.@@.exr"}, {"x.tif", "x.####.exr"},
-           {"x.####.foo", "x.####.exr"}, {"x.mp4", "x.####.exr"}}) {
+  for (const auto& [wrong, right] : std::vector<std::pair<std::string, std::string>>{{"x.####.png", "x.####.exr"},
+                                                                                     {"x.####.PNG", "x.####.exr"},
+                                                                                     {"x.@@.jpg", "x.@@.exr"},
+                                                                                     {"x.tif", "x.####.exr"},
+                                                                                     {"x.####.foo", "x.####.exr"},
+                                                                                     {"x.mp4", "x.####.exr"}}) {
     expect_refused(render(wrong, {"--frames", "1-2"}), right);
     expect_refused(render(wrong, {"--frames", "1-2"}, "run"), right);
     expect_refused(run({"reconstruct", path("in"), "-o", path(wrong)}), right);
@@ -129,7 +134,8 @@ TEST_F(CliOutput, EncodingsAreRefusedBeforeRendering) {
   expect_refused(render("f.exr", with({"--layers", "normal"}), "run"), "normal");
   expect_refused(render("f.exr", with({"--integrator", "gradient_path"})), "grad.x");
   EXPECT_EQ(render("g.exr", with({"--layers", "albedo,depth", "--half"})).status, 0);
-  EXPECT_EQ(render("h.exr", with({"--integrator", "gradient_path"}), "run").status, 0) << "final frames hold no differences";
+  EXPECT_EQ(render("h.exr", with({"--integrator", "gradient_path"}), "run").status, 0)
+      << "final frames hold no differences";
   const std::string shot =
       write("shot.toml", fmt::format("scene = \"{}\"\nframes = \"1\"\n[output]\nlayers = [\"position\"]\n"
                                      "path = \"{}\"\ncompression = \"dwaa\"\n",
@@ -139,9 +145,10 @@ TEST_F(CliOutput, EncodingsAreRefusedBeforeRendering) {
   EXPECT_NE(o.err.find("shot.toml:6:"), std::string::npos) << o.err;
   EXPECT_FALSE(fs::exists(path("s.exr")));
 
-  ASSERT_EQ(render("in/f.####.exr", {"--frames", "1-2", "--integrator", "gradient_path", "--layers", "normal"}).status, 0);
+  ASSERT_EQ(render("in/f.####.exr", {"--frames", "1-2", "--integrator", "gradient_path", "--layers", "normal"}).status,
+            0);
   const Outcome reconstruct = run({"reconstruct", path("in"), "-o", path("out"), "--compression", "dwaa"});
-  EXPECT_EQ(reconstruct.status, 2) << reconstruct.err;
+  EXPECT_EQ(reconstruct.status, 3) << reconstruct.err;
   EXPECT_FALSE(fs::exists(path("out")));
 }
 
@@ -186,7 +193,8 @@ TEST_F(CliOutput, SetTakesEveryKeyOfTheFile) {
 }
 
 TEST_F(CliOutput, CausesAreNamedWhereTheyStand) {
-  const Outcome typed = render("f.exr", {"--frames", "1", "--integrator", "temporal_gradient_path", "--spp", "1"});
+  const Outcome typed = run({"render", source_file("scenes/tests/cornell_motion.xml"), "-o", path("f.exr"), "--frames",
+                             "1", "--integrator", "temporal_gradient_path", "--spp", "1", "--layers", "albedo"});
   EXPECT_EQ(typed.status, 2);
   EXPECT_NE(typed.err.find("<command line>: the integrator \"temporal_gradient_path\" divides the samples"),
             std::string::npos)
@@ -210,12 +218,15 @@ TEST_F(CliOutput, FlatCamerasAreRefusedBeforeRendering) {
 "bufferViews": [{"buffer": 0, "byteLength": 8}, {"buffer": 0, "byteOffset": 8, "byteLength": 24}],
 "accessors": [{"bufferView": 0, "componentType": 5126, "count": 2, "type": "SCALAR", "min": [0], "max": [1]},
   {"bufferView": 1, "componentType": 5126, "count": 2, "type": "VEC3"}]})");
-  const Outcome o = run({"render", scene, "-o", path("f.####.exr"), "--frames", "0-24", "--resolution", "8x6", "--spp", "1"});
+  const Outcome o =
+      run({"render", scene, "-o", path("f.####.exr"), "--frames", "0-24", "--resolution", "8x6", "--spp", "1"});
   EXPECT_EQ(o.status, 3) << o.err;
   EXPECT_NE(o.err.find("frame 23: camera "), std::string::npos) << o.err;
   EXPECT_NE(o.err.find("singular transform"), std::string::npos) << o.err;
   EXPECT_EQ(files(), Files{"flat.gltf"});
-  EXPECT_EQ(run({"render", scene, "-o", path("f.####.exr"), "--frames", "0-2", "--resolution", "8x6", "--spp", "1"}).status, 0)
+  EXPECT_EQ(
+      run({"render", scene, "-o", path("f.####.exr"), "--frames", "0-2", "--resolution", "8x6", "--spp", "1"}).status,
+      0)
       << "frames that do not see it are fine";
 }
 
@@ -230,12 +241,13 @@ TEST_F(CliOutput, ProgramsAreToldOfWarningsAndErrors) {
     for (std::string line; std::getline(lines, line);) out.push_back(nlohmann::json::parse(line));
     return out;
   };
-  const Outcome good = run({"render", scene, "-o", path("f.exr"), "--resolution", "8x6", "--spp", "1", "--progress", "json"});
+  const Outcome good =
+      run({"render", scene, "-o", path("f.exr"), "--resolution", "8x6", "--spp", "1", "--progress", "json"});
   ASSERT_EQ(good.status, 0) << good.err;
   const auto told = events(good);
-  const auto warning = std::find_if(told.begin(), told.end(), [](auto& e) { return e.at("event") == "warning"; });
+  const auto warning = std::find_if(told.begin(), told.end(),
+                                    [](auto& e) { return e.at("event") == "warning" && e.at("kind") == "input"; });
   ASSERT_NE(warning, told.end()) << good.out;
-  EXPECT_EQ(warning->at("kind"), "input");
   EXPECT_EQ(warning->at("count"), 1);
   EXPECT_EQ(warning->at("file"), scene);
   EXPECT_EQ(warning->at("line"), 3);

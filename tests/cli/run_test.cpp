@@ -79,8 +79,8 @@ TEST_F(CliRun, LeavesFinalFramesAndAMovieAndHasNothingToDoTheSecondTime) {
   const auto before = contents("a");
   const Outcome again = run_to("a", {"--resume"});
   EXPECT_EQ(again.status, 0) << again.err;
-  for (const char* says :
-       {"0 frames rendered, 12 already finished", "0 frames reconstructed, 12 already finished", "dance.mp4 is already finished"}) {
+  for (const char* says : {"0 frames rendered, 12 already finished", "0 frames reconstructed, 12 already finished",
+                           "dance.mp4 is already finished"}) {
     EXPECT_NE(again.err.find(says), std::string::npos) << says << '\n' << again.err;
   }
   EXPECT_EQ(contents("a"), before);

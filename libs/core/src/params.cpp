@@ -42,10 +42,9 @@ void Params::set(const std::string& name, ParamValue value, const SourceLoc& loc
   if (std::holds_alternative<double>(s.fallback) && std::holds_alternative<int>(value))
     value = double(std::get<int>(value));
   if (value.index() != s.fallback.index()) {
-    throw Error(
-        ErrorCode::kBadInput, loc,
-        fmt::format("{} = {} is {}; expected {}", name, to_text(value), with_article(type_name(value)),
-                    with_article(type_name(s.fallback))));
+    throw Error(ErrorCode::kBadInput, loc,
+                fmt::format("{} = {} is {}; expected {}", name, to_text(value), with_article(type_name(value)),
+                            with_article(type_name(s.fallback))));
   }
   if (const auto* text = std::get_if<std::string>(&value); text && !s.choices.empty()) {
     bool known = false;

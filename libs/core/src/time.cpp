@@ -126,7 +126,8 @@ FramePlace place_at(std::string_view name, std::size_t i) {
   if (c == '#' || c == '@') {
     const std::size_t length = std::min(name.find_first_not_of(c, i), name.size()) - i;
     const bool apart = (i == 0 || name[i - 1] == '.') && (i + 1 == name.size() || name[i + 1] == '.');
-    return c == '@' && length == 1 && !apart ? FramePlace{} : FramePlace{i, length, int(std::min(length, std::size_t(20)))};
+    return c == '@' && length == 1 && !apart ? FramePlace{}
+                                             : FramePlace{i, length, int(std::min(length, std::size_t(20)))};
   }
   if (c == '%') {
     const std::size_t digits = digits_at(name, i + 1);

@@ -53,7 +53,8 @@ TEST(FramePath, KnowsThePlacesOfOtherPrograms) {
 }
 
 TEST(FramePath, LeavesNamesWithoutAPlaceAlone) {
-  for (const char* one : {"f.exr", "a#b/f.exr", "f@2x.exr", "f_50%.exr", "f%s.exr", "<layer>.exr", "me@home.exr", "%"}) {
+  for (const char* one :
+       {"f.exr", "a#b/f.exr", "f@2x.exr", "f_50%.exr", "f%s.exr", "<layer>.exr", "me@home.exr", "%"}) {
     EXPECT_FALSE(has_frame_pattern(one)) << one;
     EXPECT_EQ(frame_path(one, 3), one);
   }

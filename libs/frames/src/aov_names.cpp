@@ -37,9 +37,10 @@ struct BlenderPass {
 const std::vector<BlenderPass>& blender_passes() {
   constexpr float kNothing = 1e10f;  // the depth of the background
   // y is up for us, z for Blender: its (x, y, z) is our (x, -z, y).
-  const std::vector<BlenderPass::Channel> rgb{{"R", 0}, {"G", 1}, {"B", 2}}, rgba{{"R", 0}, {"G", 1}, {"B", 2}, {"A", 3}},
-      z_up{{"X", 0}, {"Y", 2, {-1}}, {"Z", 1}};
-  // The names of Blender 5 (checked with files that Cycles of 5.2.3 wrote). Earlier rows win over later ones; only the first row of a layer is written.
+  const std::vector<BlenderPass::Channel> rgb{{"R", 0}, {"G", 1}, {"B", 2}},
+      rgba{{"R", 0}, {"G", 1}, {"B", 2}, {"A", 3}}, z_up{{"X", 0}, {"Y", 2, {-1}}, {"Z", 1}};
+  // The names of Blender 5 (checked with files that Cycles of 5.2.3 wrote). Earlier rows win over later ones; only the
+  // first row of a layer is written.
   static const std::vector<BlenderPass> passes{
       {"color", "Combined", rgba},
       {"albedo", "Denoising Albedo", rgb},
@@ -166,7 +167,8 @@ LayerSource from_blender(const BlenderPass& pass, const RawLayer& raw) {
   LayerSource s = foreign_layer(*layers::find(pass.ours), raw);
   for (std::size_t i = 0; i < pass.channels.size() && i < raw.channels.size(); ++i) {
     const BlenderPass::Channel& c = pass.channels[i];
-    const auto named = std::find_if(raw.channels.begin(), raw.channels.end(), [&](auto& r) { return r.first == c.suffix; });
+    const auto named =
+        std::find_if(raw.channels.begin(), raw.channels.end(), [&](auto& r) { return r.first == c.suffix; });
     const int from = named != raw.channels.end() ? named->second : raw.channels[i].second;
     if (std::size_t(c.ours) < s.channels.size()) s.channels[std::size_t(c.ours)] = {from, c.value};
   }
@@ -205,7 +207,8 @@ std::vector<AovChannel> blender_channels(const std::vector<LayerDesc>& layers, c
   }
   for (const LayerDesc& d : layers) {
     const auto& passes = blender_passes();
-    const auto pass = std::find_if(passes.begin(), passes.end(), [&](const BlenderPass& p) { return d.name == p.ours; });
+    const auto pass =
+        std::find_if(passes.begin(), passes.end(), [&](const BlenderPass& p) { return d.name == p.ours; });
     if (pass == passes.end()) {
       // Its reader splits at the last two dots: <view layer>.<pass>.<channel>.
       for (int c = 0; c < d.channel_count(); ++c) {

@@ -125,8 +125,9 @@ void check_encoding(const std::vector<LayerDesc>& layers, const WriteOptions& op
     }
     const auto layer = std::find_if(layers.begin(), layers.end(), [&](auto& d) { return d.name == c.source; });
     if (options.compression == Compression::kDwaa && !is_picture(*layer) && dwa_damages(c.name)) {
-      throw Error(ErrorCode::kUnsupported,
-                  fmt::format("dwaa compression would damage layer \"{}\"; use zip, or leave that layer out", c.source));
+      throw Error(
+          ErrorCode::kUnsupported,
+          fmt::format("dwaa compression would damage layer \"{}\"; use zip, or leave that layer out", c.source));
     }
   }
 }

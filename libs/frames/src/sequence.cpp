@@ -68,9 +68,9 @@ std::string lower_extension(const fs::path& path) {
 /// Whether files with this extension are images or movies, of which we write neither as frames.
 bool is_picture_extension(const std::string& extension) {
   static const std::set<std::string> known = [] {
-    std::set<std::string> all{"avi", "avif", "bmp", "dpx", "gif", "hdr",  "heic", "heif", "jp2", "jpeg", "jpg",  "jxl", "m4v",
-                              "mkv", "mov",  "mp4", "mpg", "pfm", "png",  "ppm",  "psd",  "svg", "tga",  "tif",  "tiff", "webm",
-                              "webp"};
+    std::set<std::string> all{"avi",  "avif", "bmp", "dpx", "gif", "hdr", "heic", "heif", "jp2",
+                              "jpeg", "jpg",  "jxl", "m4v", "mkv", "mov", "mp4",  "mpg",  "pfm",
+                              "png",  "ppm",  "psd", "svg", "tga", "tif", "tiff", "webm", "webp"};
     // "openexr:exr,sxr;tiff:tif,..."
     std::string word;
     for (const char c : std::string(OIIO::get_string_attribute("extension_list")) + ";") {
@@ -104,7 +104,8 @@ std::string output_pattern(const std::string& path, const std::string& name, boo
   const FramePlace place = find_frame_place(path);
   if (place.length > 0) {
     const std::size_t end = place.begin + place.length;
-    const fs::path tail = fmt::format("f{}", path.substr(end));  // a name that begins with a dot would have no extension
+    const fs::path tail =
+        fmt::format("f{}", path.substr(end));  // a name that begins with a dot would have no extension
     const std::string extension = lower_extension(tail);
     if (extension == "exr") return path;
     if (extension.empty()) return path + ".exr";

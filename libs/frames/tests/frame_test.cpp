@@ -8,6 +8,7 @@
 #include <signal.h>
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 
@@ -122,7 +123,7 @@ TEST_F(FrameFile, HalfIsForPicturesOnly) {
   EXPECT_TRUE(same_bits(f.layer("CryptoObject00"), g.layer("CryptoObject00")));
   EXPECT_FALSE(same_bits(f.layer("color"), g.layer("color")));
   for (std::size_t i = 0; i < f.layer("color").values().size(); ++i) {
-    const float v = f.layer("color").values()[i], expected = float(half(v));
+    const float v = f.layer("color").values()[i], expected = float(half(std::clamp(v, -65504.0f, 65504.0f)));
     if (!std::isnan(v)) {
       EXPECT_EQ(g.layer("color").values()[i], expected);
     }
@@ -564,11 +565,12 @@ TEST_F(Sequence, OutputNames) {
   struct Case {
     const char *path, *one, *many;
   };
-  for (const Case& c : {Case{"x.####.png", "x.####.exr", "x.####.exr"}, Case{"a/x.@@@.PNG", "a/x.@@@.exr", "a/x.@@@.exr"},
-                        Case{"x.%04d.jpeg", "x.%04d.exr", "x.%04d.exr"}, Case{"x.####.foo", "x.####.exr", "x.####.exr"},
-                        Case{"x.####.exr.gz", "x.####.exr", "x.####.exr"}, Case{"x.png", "x.exr", "x.####.exr"},
-                        Case{"x.Tiff", "x.exr", "x.####.exr"}, Case{"x.hdr", "x.exr", "x.####.exr"},
-                        Case{"x.webp", "x.exr", "x.####.exr"}, Case{"x.mp4", "x.exr", "x.####.exr"}}) {
+  for (const Case& c :
+       {Case{"x.####.png", "x.####.exr", "x.####.exr"}, Case{"a/x.@@@.PNG", "a/x.@@@.exr", "a/x.@@@.exr"},
+        Case{"x.%04d.jpeg", "x.%04d.exr", "x.%04d.exr"}, Case{"x.####.foo", "x.####.exr", "x.####.exr"},
+        Case{"x.####.exr.gz", "x.####.exr", "x.####.exr"}, Case{"x.png", "x.exr", "x.####.exr"},
+        Case{"x.Tiff", "x.exr", "x.####.exr"}, Case{"x.hdr", "x.exr", "x.####.exr"},
+        Case{"x.webp", "x.exr", "x.####.exr"}, Case{"x.mp4", "x.exr", "x.####.exr"}}) {
     for (const bool single : {false, true}) {
       const Error e = error_of([&] { name(c.path, single); });
       EXPECT_EQ(e.code(), ErrorCode::kUsage) << c.path;

@@ -174,7 +174,8 @@ class OpenJd : public Counting {
   void progress() const { write_openjd_progress(step_, fraction()); }
   void started(const RenderPlan& p) override {
     write_openjd_progress(step_, 0);
-    write_now(stdout, fmt::format("openjd_status: {} frames to render, {} finished before\n", p.frames.size(), p.skipped));
+    write_now(stdout,
+              fmt::format("openjd_status: {} frames to render, {} finished before\n", p.frames.size(), p.skipped));
   }
   void frame_started() override {
     write_now(stdout, fmt::format("openjd_status: frame {} ({} of {})\n", frame_, index_, frames_));

@@ -533,8 +533,8 @@ Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals
 Rgb replay_sample(const Shot& shot, const Scene& scene, const BadSample& b) {
   const RenderSettings& s = shot.settings;
   if (b.x < 0 || b.y < 0 || b.x >= s.width || b.y >= s.height || b.sample < 0) {
-    throw Error(ErrorCode::kUsage, fmt::format("sample {} of pixel {},{} does not exist in a picture of {}x{}", b.sample,
-                                               b.x, b.y, s.width, s.height));
+    throw Error(ErrorCode::kUsage, fmt::format("sample {} of pixel {},{} does not exist in a picture of {}x{}",
+                                               b.sample, b.x, b.y, s.width, s.height));
   }
   Sequence q(shot, scene);
   const PreparedFrame prepared(q, b.frame, nullptr, true);

@@ -311,8 +311,8 @@ void settle_integrator(const ShotConfig& config, const RenderDefaults& defaults,
     }
   }
   if (!left_out.empty()) {
-    log_warning(fmt::format("the integrator \"{}\" has no parameter {}: ignored", shot.integrator,
-                            fmt::join(left_out, ", ")));
+    log_warning(
+        fmt::format("the integrator \"{}\" has no parameter {}: ignored", shot.integrator, fmt::join(left_out, ", ")));
   }
 }
 
@@ -529,14 +529,16 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
 
   settle_frames(config, scene, shot);
   settle_reconstruction(config, shot);
-  if (config.find("output.path")) shot.output = settle_output(config, shot, "output.path", shot_name(shot.source) + ".####.exr");
+  if (config.find("output.path"))
+    shot.output = settle_output(config, shot, "output.path", shot_name(shot.source) + ".####.exr");
   shot.write.compression = parse_compression(config.get_string("output.compression"));
   shot.write.half = config.get_bool("output.half");
   shot.write.names = parse_aov_names(config.get_string("output.aov_names"));
   shot.write.view_layer = config.get_string("output.view_layer");
   if (shot.write.view_layer.empty() || shot.write.view_layer.find('.') != std::string::npos) {
-    throw Error(ErrorCode::kBadInput, config.loc("output.view_layer"),
-                fmt::format("\"{}\" cannot name a view layer: it must hold something, and no dot", shot.write.view_layer));
+    throw Error(
+        ErrorCode::kBadInput, config.loc("output.view_layer"),
+        fmt::format("\"{}\" cannot name a view layer: it must hold something, and no dot", shot.write.view_layer));
   }
   shot.final_write = shot.write;
   shot.video_path = config.get_string("video.path");

@@ -180,8 +180,7 @@ void ShotConfig::set_node(const KeyPath& key, const Node& node) {
     for (const auto& [name, value] : *inner) {
       KeyPath longer = key;
       longer.emplace_back(name.str());
-      set_node(longer,
-               {value, node.file, node.in_file ? place(node.file, name.source()) : node.key_loc, node.in_file});
+      set_node(longer, {value, node.file, node.in_file ? place(node.file, name.source()) : node.key_loc, node.in_file});
     }
     return;
   }

@@ -86,16 +86,37 @@ std::map<std::string, std::string> values_of(const ShotConfig& c) {
 
 TEST(ShotConfig, SetTakesWhatTheFileTakes) {
   // Each a line of a file without tables.
-  for (const char* line :
-       {"shutter.curve=[0, 1, 1, 0]", "shutter.curve = [ 0.0, 0.5,1.0 ]", "film.resolution=[640, 360]",
-        "film.crop = [1, 2, 30, 40]", "environment.radiance=[1, 0.5, 0.25]", "environment.radiance=2",
-        "environment.radiance=[0.5]", "output.layers=[\"albedo\", 'normal']", "output.layers=\"motion\"",
-        "frames=[1, 5, \"7-9\"]", "frames=\"1-24\"", "camera=\"Main Camera\"", "camera='0'", "fps=23.976", "fps=1_0",
-        "first_frame=+3", "sampling.seed=0x10", "sampling.seed_per_frame=false", "output.half=true", "fps=1e2",
-        "film={resolution=[64, 48], scale=50, filter=\"tent\"}", "classes={dd=\"ED\", s=\"E[RT]+\"}",
-        "materials.\"My.Glass\"={type=\"dielectric\", int_ior=1.5}", "materials.'a=b'.reflectance=[1, 0.5, 0]",
-        "materials={G={type=\"diffuse\"}}", "integrator={name=\"path\", max_depth=5}", "integrator.max_depth=5",
-        "define.name=\"a, b\"", "video={path=\"a.mp4\", crf=20}", "reconstruct.norm=\"l2\"", "\"film\".\"scale\"=50"}) {
+  for (const char* line : {"shutter.curve=[0, 1, 1, 0]",
+                           "shutter.curve = [ 0.0, 0.5,1.0 ]",
+                           "film.resolution=[640, 360]",
+                           "film.crop = [1, 2, 30, 40]",
+                           "environment.radiance=[1, 0.5, 0.25]",
+                           "environment.radiance=2",
+                           "environment.radiance=[0.5]",
+                           "output.layers=[\"albedo\", 'normal']",
+                           "output.layers=\"motion\"",
+                           "frames=[1, 5, \"7-9\"]",
+                           "frames=\"1-24\"",
+                           "camera=\"Main Camera\"",
+                           "camera='0'",
+                           "fps=23.976",
+                           "fps=1_0",
+                           "first_frame=+3",
+                           "sampling.seed=0x10",
+                           "sampling.seed_per_frame=false",
+                           "output.half=true",
+                           "fps=1e2",
+                           "film={resolution=[64, 48], scale=50, filter=\"tent\"}",
+                           "classes={dd=\"ED\", s=\"E[RT]+\"}",
+                           "materials.\"My.Glass\"={type=\"dielectric\", int_ior=1.5}",
+                           "materials.'a=b'.reflectance=[1, 0.5, 0]",
+                           "materials={G={type=\"diffuse\"}}",
+                           "integrator={name=\"path\", max_depth=5}",
+                           "integrator.max_depth=5",
+                           "define.name=\"a, b\"",
+                           "video={path=\"a.mp4\", crf=20}",
+                           "reconstruct.norm=\"l2\"",
+                           "\"film\".\"scale\"=50"}) {
     ShotConfig typed;
     ASSERT_NO_THROW(typed.assign(line)) << line;
     EXPECT_EQ(values_of(typed), values_of(read(line))) << line;

@@ -744,8 +744,8 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
     }
   }
   if (wanted.size() > 1 && !has_frame_pattern(output)) {
-    throw Error(ErrorCode::kUsage, fmt::format("{} cannot hold {} frames; write {}", output, wanted.size(),
-                                               numbered_pattern(output)));
+    throw Error(ErrorCode::kUsage,
+                fmt::format("{} cannot hold {} frames; write {}", output, wanted.size(), numbered_pattern(output)));
   }
   const auto out_path = [&](int f) { return frame_path(output, f); };
   for (const int f : wanted) {

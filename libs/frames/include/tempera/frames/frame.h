@@ -70,8 +70,8 @@ std::string names_text(const WriteOptions& options);
 /// Reads "none", "rle", "zips", "zip", "piz" or "dwaa". Errors: Error{kUnknownName} with the known names.
 Compression parse_compression(std::string_view text);
 
-/// Checks before the work that write_frame can store a frame of these layers. Errors: Error{kUnsupported} for kDwaa with
-/// data layers that it would damage; Error{kBadInput} for two layers that become one channel.
+/// Checks before the work that write_frame can store a frame of these layers. Errors: Error{kUnsupported} for kDwaa
+/// with data layers that it would damage; Error{kBadInput} for two layers that become one channel.
 void check_encoding(const std::vector<LayerDesc>& layers, const WriteOptions& options);
 
 /// Writes a single-part multi-layer EXR, whole or not at all (see write_file).

@@ -45,7 +45,8 @@ struct ShotValue {
 
 /// Parts of a dotted key: {"film", "resolution"}.
 using KeyPath = std::vector<std::string>;
-/// Splits `a.b."c.d"` into {a, b, c.d}; quotes are double or single, blanks around parts do not count. Errors: Error{kSyntax} at `loc` for an empty part or a missing quote.
+/// Splits `a.b."c.d"` into {a, b, c.d}; quotes are double or single, blanks around parts do not count. Errors:
+/// Error{kSyntax} at `loc` for an empty part or a missing quote.
 KeyPath parse_key(std::string_view text, const SourceLoc& loc = {});
 
 /// Values by dotted key. Later values replace earlier ones, so: file first, command line after it.
