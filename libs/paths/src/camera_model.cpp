@@ -51,6 +51,12 @@ CameraModel::CameraModel(const Scene& scene, int index, int width, int height, T
   const int count = int(last - first) + 1;
   knots_.reserve(std::size_t(count));
   for (int k = 0; k < count; ++k) knots_.push_back(sample(scene, camera, (first + k) * step_));
+  for (int k = 1; k < count; ++k) {  // a change of handedness between two poses passes through a flat one
+    if (knots_[std::size_t(k)].scale.z * knots_[std::size_t(k - 1)].scale.z > 0) continue;
+    fail(scene, camera, ErrorCode::kBadInput,
+         fmt::format("has a scale that passes through zero between {} s and {} s", (first + k - 1) * step_,
+                     (first + k) * step_));
+  }
 }
 
 CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, double t) const {
@@ -150,8 +156,10 @@ CameraRay CameraModel::ray(const Vec2f& pixel, const Vec2f& lens, double t) cons
   });
 }
 
-Vec2f CameraModel::to_pixel(double x, double y) const {
-  return {float(size_.x * (0.5 - 0.5 * x + offset_.x)), float(size_.y * (0.5 - 0.5 * y + offset_.y))};
+std::optional<Vec2f> CameraModel::to_pixel(double x, double y) const {
+  const double reach = kReach * std::max(size_.x, size_.y);
+  if (!(std::abs(0.5 * x * size_.x) <= reach && std::abs(0.5 * y * size_.y) <= reach)) return std::nullopt;
+  return Vec2f{float(size_.x * (0.5 - 0.5 * x + offset_.x)), float(size_.y * (0.5 - 0.5 * y + offset_.y))};
 }
 
 std::optional<CameraModel::Projected> CameraModel::project(const Vec3f& point, double t) const {
@@ -160,7 +168,9 @@ std::optional<CameraModel::Projected> CameraModel::project(const Vec3f& point, d
     const Vec3d local = inverse(Affine3d{m.x, m.y, m.z}).vector(Vec3d(point) - m.translation);
     if (perspective_ && !(local.z > 0)) return std::nullopt;
     const double scale = perspective_ ? 1 / local.z : 1;
-    return Projected{to_pixel(local.x * scale / p.half_width, local.y * scale / p.half_height), float(local.z)};
+    const auto pixel = to_pixel(local.x * scale / p.half_width, local.y * scale / p.half_height);
+    if (!pixel) return std::nullopt;
+    return Projected{*pixel, float(local.z)};
   });
 }
 

@@ -218,6 +218,18 @@ TEST(CameraModel, FilmCornersAndAxesOfAPlainCamera) {
   EXPECT_FALSE(m.project({0, 0, -1}, 0));
   EXPECT_FALSE(m.project_direction({0, 1, 0}, 0));
   EXPECT_FALSE(m.project_direction({0, 0, -1}, 0));
+  // Close to the camera's plane a film position is rounding: none beyond 16 pictures from the center.
+  static_assert(kWidth > kHeight && CameraModel::kReach == 16);
+  for (const float sign : {-1.0f, 1.0f}) {
+    for (const Vec3f& p : {Vec3f{31.9f * sign, 0, 1}, Vec3f{0, 31.9f * sign, 1}, Vec3f{0.0319f * sign, 0, 1e-3f}}) {
+      EXPECT_TRUE(m.project(p, 0)) << p.x << " " << p.y;
+      EXPECT_TRUE(m.project_direction(p, 0)) << p.x << " " << p.y;
+    }
+    for (const Vec3f& p : {Vec3f{32.1f * sign, 0, 1}, Vec3f{0, 32.1f * sign, 1}, Vec3f{1 * sign, 0, 1e-6f}}) {
+      EXPECT_FALSE(m.project(p, 0)) << p.x << " " << p.y;
+      EXPECT_FALSE(m.project_direction(p, 0)) << p.x << " " << p.y;
+    }
+  }
 }
 
 TEST(CameraModel, OrthographicCameraSeesBehindItself) {

@@ -30,13 +30,15 @@ class CameraModel {
   CameraRay ray(const Vec2f& pixel, const Vec2f& lens, double t) const;
   /// Film position (pixels) of a world point at time t through the center of the lens, and its distance along the view
   /// axis (metres; an orthographic camera sees points behind it, at negative ones). Empty behind or in the plane of a
-  /// perspective camera.
+  /// perspective camera, and farther from the center of the picture than kReach times its longer side: close to that
+  /// plane a film position is little more than rounding.
+  static constexpr double kReach = 16;
   struct Projected {
     Vec2f pixel;
     float depth = 0;
   };
   std::optional<Projected> project(const Vec3f& p, double t) const;
-  /// The same for a direction, i.e. a point at infinity. Empty for orthographic cameras.
+  /// The same for a direction, i.e. a point at infinity. Empty for orthographic cameras, too.
   std::optional<Vec2f> project_direction(const Vec3f& d, double t) const;
   /// World-space view axis (unit) at time t, and the position of the camera.
   Vec3f axis(double t) const;
@@ -66,7 +68,8 @@ class CameraModel {
   auto with_pose(double t, F&& f) const {
     return knots_.empty() ? f(still_) : f(interpolate(t));
   }
-  Vec2f to_pixel(double x, double y) const;
+  /// Film position of a point of the picture, in halves of its size from the center; empty beyond kReach.
+  std::optional<Vec2f> to_pixel(double x, double y) const;
 
   bool perspective_;
   Vec2d size_;    ///< of the film in pixels
