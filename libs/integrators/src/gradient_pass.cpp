@@ -42,8 +42,9 @@ GradientOptions::GradientOptions(const Params& p)
 
 void check_gradient_settings(const RenderSettings& settings, std::string_view integrator) {
   if (settings.clock.shutter.rolling != 0) {
-    throw Error(ErrorCode::kUnsupported,
-                fmt::format("the integrator \"{}\" compares pixels at one time: no rolling shutter", integrator));
+    throw SettingError(
+        ErrorCode::kUnsupported, "shutter.rolling",
+        fmt::format("the integrator \"{}\" compares pixels at one time: no rolling shutter", integrator));
   }
 }
 

@@ -49,14 +49,14 @@ class TemporalGradientPathIntegrator final : public Integrator {
   std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
     check_gradient_settings(settings, "temporal_gradient_path");
     if (!settings.seed_per_frame) {
-      throw Error(
-          ErrorCode::kUnsupported,
+      throw SettingError(
+          ErrorCode::kUnsupported, "sampling.seed_per_frame",
           "the integrator \"temporal_gradient_path\" replays the numbers of the frame before: every frame needs "
           "its own (sampling.seed_per_frame = true)");
     }
     if (settings.spp < 2) {
-      throw Error(
-          ErrorCode::kOutOfRange,
+      throw SettingError(
+          ErrorCode::kOutOfRange, "sampling.spp",
           "the integrator \"temporal_gradient_path\" divides the samples among two passes: spp must be at least 2");
     }
     plan_batches(options_.adaptive, base_samples(settings));

@@ -25,8 +25,8 @@ std::vector<LayerDesc> film_outputs(const RenderSettings& settings, std::string_
   for (const std::string& name : settings.layers) {
     const auto desc = layers::find(name);
     if (!desc || (std::find(known.begin(), known.end(), name) == known.end() && !name.starts_with("CryptoObject"))) {
-      throw Error(
-          ErrorCode::kUnknownName,
+      throw SettingError(
+          ErrorCode::kUnknownName, "output.layers",
           fmt::format("the integrator \"{}\" cannot write the layer \"{}\"; it can write: {}, CryptoObject00..., "
                       "and a class.<name>.color for each light-path class",
                       integrator, name, fmt::join(known, ", ")));

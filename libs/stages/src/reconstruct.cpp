@@ -535,8 +535,11 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
                   fmt::format("{} has no frame {}; it has {} to {}", input.pattern(), f, have.front(), have.back()));
     }
   }
-  const bool single = have.size() == 1 && !has_frame_pattern(output) && input.path(have[0]) == input.pattern();
-  const auto out_path = [&](int f) { return single ? output : frame_path(output, f); };
+  if (wanted.size() > 1 && !has_frame_pattern(output)) {
+    throw Error(ErrorCode::kUsage,
+                fmt::format("{} cannot hold {} frames; write {}", output, wanted.size(), numbered_pattern(output)));
+  }
+  const auto out_path = [&](int f) { return frame_path(output, f); };
   for (const int f : wanted) {
     std::error_code ignored;
     if (std::filesystem::equivalent(input.path(f), out_path(f), ignored)) {
@@ -570,7 +573,7 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
   const auto fingerprint = [&](int f) {
     const WriteOptions& w = options.write;
     std::string text = fmt::format("{}\n{}\nhalf={} names={} lossy={}\n", TEMPERA_VERSION, options.params.canonical(),
-                                   w.half, int(w.names), w.compression == Compression::kDwaa);
+                                   w.half, names_text(w), w.compression == Compression::kDwaa);
     const FrameRange range = grid.around(f, sequence);
     for (int g = range.first; g <= range.last; ++g) {
       auto [it, fresh] = identities.try_emplace(g);
@@ -609,6 +612,11 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
     observer.begin(frames, report.skipped);
   }
   if (!targets.empty()) {
+    std::vector<LayerDesc> kept;
+    for (const LayerDesc& d : read_header(input.path(wanted.front())).layers) {
+      if (survives_reconstruction(d.name)) kept.push_back(d);
+    }
+    check_encoding(kept, options.write);
     const TemporaryFile probe(out_path(targets.begin()->first));  // what cannot be written is known before the work
   }
 

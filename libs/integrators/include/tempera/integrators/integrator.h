@@ -31,6 +31,18 @@ struct PathClass {
   std::string expression;  ///< e.g. "ERD.*"; see light_path_expression.h
 };
 
+/// A setting that an integrator cannot do with. Loaders turn it into an error at the place of the setting.
+class SettingError : public Error {
+ public:
+  /// `key`: of the setting in shot.toml, e.g. "sampling.spp".
+  SettingError(ErrorCode code, std::string key, std::string message)
+      : Error(code, std::move(message)), key_(std::move(key)) {}
+  const std::string& key() const { return key_; }
+
+ private:
+  std::string key_;
+};
+
 /// What is rendered, apart from the scene and the integrator's own parameters.
 struct RenderSettings {
   int width = 1280, height = 720;

@@ -64,14 +64,14 @@ struct ReconstructOptions {
 
 struct ReconstructReport {
   std::vector<int> frames;   ///< written
-  std::vector<int> skipped;  ///< found finished
+  std::vector<int> skipped;  ///< already finished
   std::vector<int> cuts;     ///< first frames after a cut, among those that were read
   double seconds = 0;
 };
 
-/// Writes the frames of `input` to `output` (a pattern; a plain name for a single file): `color` is the solution, with
-/// the input's alpha; other layers are copied if they survive_reconstruction.
-/// Result:  a function of the input files and parameters: the same bits for any number of threads, any choice of
+/// Writes the frames of `input` to `output` (see frame_path; a name without a place for the number for one frame):
+/// `color` is the solution, with the input's alpha; other layers are copied if they survive_reconstruction. Result:  a
+/// function of the input files and parameters: the same bits for any number of threads, any choice of
 ///          frames, and after any interruption, as long as all frames of the windows are there.
 /// Memory:  the frames of one window, whatever the length of the sequence.
 /// Errors:  Error{kBadInput} for a missing layer, frames of different sizes, values that are not finite, sources that
