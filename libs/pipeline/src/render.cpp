@@ -116,8 +116,8 @@ struct FrameScene {
 
 RenderTotals totals_of(RenderCounters& c) { return {c.samples, c.rays, c.shadow_rays, c.bad_samples, c.first_bad}; }
 
-/// Renders the tiles of `state` that are not done into `frame`. `finished(tile, totals)` is called, with `mutex` held
-/// by nobody, after a tile is marked done.
+/// Renders the tiles of `state` that are not done into `frame`. `finished(tile, totals)` is called without
+/// `mutex` after a tile is marked done.
 void render_tiles(const Sequence& q, const FrameContext& c, Frame& frame, CheckpointState& state, std::mutex& mutex,
                   std::stop_token stop, const std::function<void(const Tile&, const RenderTotals&)>& finished) {
   std::vector<std::size_t> missing;
@@ -216,7 +216,7 @@ bool is_finished(const Sequence& q, int frame, const std::string& path) {
   } catch (const Error& e) {
     why = e.message();
   }
-  log_info(fmt::format("frame {}: rendering again, because of {}: {}", frame, path, why));
+  log_info(fmt::format("frame {}: rendering again; {} does not match: {}", frame, path, why));
   return false;
 }
 
@@ -250,6 +250,18 @@ Frame make_carried(Sequence& q, int frame, const std::stop_token& stop) {
   std::mutex mutex;
   render_rounds(q, frame_scene.context(q, frame), picture, state, mutex, stop, [](const Tile&, const RenderTotals&) {});
   return carried_layers(q, picture);
+}
+
+/// Refuses before rendering a camera that some frame cannot be seen through. Errors: those of CameraModel.
+void check_camera(const Sequence& q, std::span<const int> frames) {
+  const RenderSettings& s = q.shot.settings;
+  for (const int f : frames) {
+    try {
+      CameraModel(q.scene, s.camera, s.width, s.height, q.evaluation(f), q.motion_step());
+    } catch (const Error& e) {
+      throw Error(e.code(), e.loc(), fmt::format("frame {}: {}", f, e.message()));
+    }
+  }
 }
 
 /// Refuses before rendering what could not be written after it. Errors: Error{kFailed}.
@@ -404,6 +416,11 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
   plan.height = q.height;
   plan.settings = &shot.settings;
   plan.layers = q.layers;
+  check_camera(q, plan.frames);
+  if (plan.frames.size() > 1 && !has_frame_pattern(shot.output)) {
+    throw Error(ErrorCode::kUsage, fmt::format("{} cannot hold {} frames; write {}", shot.output, plan.frames.size(),
+                                               numbered_pattern(shot.output)));
+  }
   if (!plan.frames.empty()) check_output(q, plan.frames.size(), frame_path(shot.output, plan.frames[0]));
   for (RenderObserver* o : observers) o->begin(plan);
 
@@ -533,8 +550,8 @@ Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals
 Rgb replay_sample(const Shot& shot, const Scene& scene, const BadSample& b) {
   const RenderSettings& s = shot.settings;
   if (b.x < 0 || b.y < 0 || b.x >= s.width || b.y >= s.height || b.sample < 0) {
-    throw Error(ErrorCode::kUsage, fmt::format("there is no sample {} of pixel {},{} in a picture of {}x{}", b.sample,
-                                               b.x, b.y, s.width, s.height));
+    throw Error(ErrorCode::kUsage, fmt::format("sample {} of pixel {},{} does not exist in a picture of {}x{}",
+                                               b.sample, b.x, b.y, s.width, s.height));
   }
   Sequence q(shot, scene);
   const FrameScene frame_scene(q, b.frame, nullptr, true);

@@ -81,17 +81,22 @@ void settle_film(const ShotConfig& config, const Scene& scene, RenderSettings& s
                 fmt::format("the crop of {}x{} at {},{} is not inside of the picture of {}x{}", s.crop_width,
                             s.crop_height, s.crop_x, s.crop_y, s.width, s.height));
   }
-  const double scale = config.get_double("film.scale") / 100;
-  if (scale != 1) {
-    const auto scaled = [&](int v, int least) { return std::max(least, int(std::lround(v * scale))); };
-    if (std::max(s.width, s.height) * scale > kMaxSide) {
+  const double percent = config.get_double("film.scale");
+  if (percent != 100) {
+    // Truncated, as Blender does; the small number keeps 33.3 % of 1000 at 333 whatever binary fractions make of it.
+    const auto scaled = [&](int v) { return int(std::floor(v * percent / 100 + 1e-6)); };
+    if (std::max(s.width, s.height) * percent / 100 > kMaxSide) {
       throw out_of_range(config, "film.scale", fmt::format("the scaled resolution exceeds {} pixels", kMaxSide));
     }
-    s.width = scaled(s.width, 1), s.height = scaled(s.height, 1);
-    if (s.crop_width > 0) {
-      s.crop_x = std::min(scaled(s.crop_x, 0), s.width - 1), s.crop_y = std::min(scaled(s.crop_y, 0), s.height - 1);
-      s.crop_width = std::min(scaled(s.crop_width, 1), s.width - s.crop_x);
-      s.crop_height = std::min(scaled(s.crop_height, 1), s.height - s.crop_y);
+    s.width = std::max(scaled(s.width), 1), s.height = std::max(scaled(s.height), 1);
+    if (s.crop_width > 0) {  // by its edges, so that windows that share one still do
+      const auto side = [&](int& from, int& length, int size) {
+        const int end = scaled(from + length);
+        from = std::min(scaled(from), size - 1);
+        length = std::clamp(end - from, 1, size - from);
+      };
+      side(s.crop_x, s.crop_width, s.width);
+      side(s.crop_y, s.crop_height, s.height);
     }
   }
 
@@ -269,9 +274,9 @@ void settle_classes(const ShotConfig& config, RenderSettings& s) {
   }
 }
 
-/// The value under its own type if it came from TOML, converted from text if from the command line.
+/// The value under its own type if it is TOML, converted if it is text of the command line.
 void set_param(Params& params, const std::string& name, const ShotValue& value) {
-  if (value.loc.line > 0) {
+  if (!value.is_text) {
     params.set(name, value.value, value.loc);
   } else {
     params.set_text(name, to_text(value.value), value.loc);
@@ -302,8 +307,8 @@ void settle_integrator(const ShotConfig& config, const RenderDefaults& defaults,
     }
   }
   if (!left_out.empty()) {
-    log_warning(fmt::format("the integrator \"{}\" has no parameter {}: left out of the shot's", shot.integrator,
-                            fmt::join(left_out, ", ")));
+    log_warning(
+        fmt::format("the integrator \"{}\" has no parameter {}: ignored", shot.integrator, fmt::join(left_out, ", ")));
   }
 }
 
@@ -320,7 +325,7 @@ void replace_environment(const ShotConfig& config, Shot& shot, Scene& scene) {
     const auto c = parse_color(config.get_string("environment.radiance"));
     if (!c || std::min({c->r, c->g, c->b}) < 0) {
       throw Error(ErrorCode::kBadInput, config.loc("environment.radiance"),
-                  fmt::format("environment.radiance = \"{}\" is no radiance; write a number or three, from 0 up",
+                  fmt::format("environment.radiance = \"{}\" cannot be read; write one number or three, none below 0",
                               config.get_string("environment.radiance")));
     }
     env.radiance = *c;
@@ -400,10 +405,10 @@ ShotConfig read_shot_config(const std::filesystem::path& file) {
   if (std::find(extensions.begin(), extensions.end(), extension) == extensions.end()) {
     std::error_code ignored;
     if (!std::filesystem::exists(file, ignored)) {
-      throw Error(ErrorCode::kMissingFile, {file.string()}, "there is no such file");
+      throw Error(ErrorCode::kMissingFile, {file.string()}, "no such file");
     }
     throw Error(ErrorCode::kUnsupported, {file.string()},
-                fmt::format("\"{}\" is no scene; known: {}", extension, fmt::join(extensions, ", ")));
+                fmt::format("\"{}\" files are not scenes; known: {}", extension, fmt::join(extensions, ", ")));
   }
   config.set_text("scene", file.string(), ShotConfig::kCommandLine());
   return config;
@@ -421,7 +426,7 @@ Scene import_shot_scene(const ShotConfig& config, const ImportOptions& options, 
   if (std::error_code ignored; !std::filesystem::exists(file, ignored)) {
     // At the key that names it, if a file did.
     const SourceLoc loc = config.loc("scene").line > 0 ? config.loc("scene") : SourceLoc{file.string()};
-    throw Error(ErrorCode::kMissingFile, loc, fmt::format("there is no scene file {}", file.string()));
+    throw Error(ErrorCode::kMissingFile, loc, fmt::format("the scene file {} does not exist", file.string()));
   }
   return import_scene(file, import, warnings);
 }
@@ -456,10 +461,17 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
 
   settle_frames(config, scene, shot);
   settle_reconstruction(config, shot);
-  shot.output = config.get_string("output.path");
+  if (config.find("output.path"))
+    shot.output = settle_output(config, shot, "output.path", shot_name(shot.source) + ".####.exr");
   shot.write.compression = parse_compression(config.get_string("output.compression"));
   shot.write.half = config.get_bool("output.half");
   shot.write.names = parse_aov_names(config.get_string("output.aov_names"));
+  shot.write.view_layer = config.get_string("output.view_layer");
+  if (shot.write.view_layer.empty() || shot.write.view_layer.find('.') != std::string::npos) {
+    throw Error(
+        ErrorCode::kBadInput, config.loc("output.view_layer"),
+        fmt::format("\"{}\" cannot name a view layer: it must hold something, and no dot", shot.write.view_layer));
+  }
   shot.final_write = shot.write;
   shot.motion_segments = config.get_int("motion_segments");
   shot.video_path = config.get_string("video.path");
@@ -485,11 +497,37 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
       log_warning("differences of 16-bit floats are too coarse to reconstruct from: rendered files hold 32-bit floats");
       shot.write.half = false;
     }
-  } catch (const Error& e) {
-    if (!e.loc().file.empty()) throw;
-    throw Error(e.code(), config.loc("output.layers"), e.message());
+  } catch (const SettingError& e) {
+    // Where the scene or a default made the setting, the choice of the integrator is at fault.
+    throw Error(e.code(), config.loc(config.find(e.key()) ? e.key() : "integrator.name"), e.message());
   }
   return shot;
+}
+
+std::string shot_name(const std::filesystem::path& source) {
+  const std::string stem = source.stem().string();
+  const std::string folder = std::filesystem::absolute(source).parent_path().filename().string();
+  const bool generic = stem == "shot" || stem.starts_with("shot_");
+  return generic && !folder.empty() ? folder + stem.substr(4) : stem;
+}
+
+std::string settle_output(const ShotConfig& config, const Shot& shot, const std::string& key, const std::string& name) {
+  const SourceLoc loc = config.loc(key);
+  const bool single = shot.frames.size() == 1 && (!shot.is_part || loc.line == 0);
+  try {
+    return output_pattern(config.get_string(key), name, single);
+  } catch (const Error& e) {
+    throw Error(loc.line > 0 ? ErrorCode::kBadInput : ErrorCode::kUsage, loc, e.message());
+  }
+}
+
+void check_shot_encoding(const ShotConfig& config, const std::vector<LayerDesc>& layers, const WriteOptions& options) {
+  try {
+    check_encoding(layers, options);
+  } catch (const Error& e) {
+    throw Error(e.code(), config.loc(config.find("output.compression") ? "output.compression" : "output.aov_names"),
+                e.message());
+  }
 }
 
 LoadedShot load_shot(const ShotConfig& config, const ImportOptions& options, Warnings& warnings) {
@@ -503,7 +541,7 @@ std::string fingerprint(const Shot& shot, const Scene& scene, int frame) {
   const WriteOptions& w = shot.write;
   return hash_hex(fmt::format("{};{:016x};{};{};{}:{};motion={};frame={};half={};names={};lossy={}", TEMPERA_VERSION,
                               scene.content_hash, shot.edits, shot.settings.canonical(), shot.integrator,
-                              shot.params.canonical(), shot.motion_segments, frame, w.half, int(w.names),
+                              shot.params.canonical(), shot.motion_segments, frame, w.half, names_text(w),
                               w.compression == Compression::kDwaa));
 }
 

@@ -34,7 +34,7 @@ std::vector<ShotKey> own_keys() {
       {{"shutter.rolling", 0.0, "delay of the last scan line against the first, in frames", -10, 10}, "", "FRAMES"},
 
       {{"film.resolution", "", "width and height of the picture in pixels"}, "--resolution", "WxH", "the scene's, else 1280x720", true},
-      {{"film.scale", 100.0, "percentage of the resolution that is rendered", 0.1, 1000}, "--resolution-scale", "PERCENT"},
+      {{"film.scale", 100.0, "percentage of the resolution that is rendered; fractions of pixels are cut off", 0.1, 1000}, "--resolution-scale", "PERCENT"},
       {{"film.crop", "", "part of the picture to render: left, top, width, height in pixels of the full resolution"}, "--crop", "X,Y,W,H",
        "the scene's, else the whole picture", true},
       {{"film.filter", "box", "pixel filter", -kMany, kMany, {"box", "tent", "gaussian", "mitchell", "blackman_harris"}},
@@ -48,11 +48,12 @@ std::vector<ShotKey> own_keys() {
 
       {{"integrator.name", "path", "integrator; its parameters are the other keys of this table, or --param"}, "--integrator", "NAME", "the scene's, else path"},
 
-      {{"output.path", "", "rendered frames, relative to the current directory; #### stands for the number; for run a folder, too"},
-       "-o,--output", "PATTERN", "for run out/NAME/NAME.####.exr"},
-      {{"output.layers", "color", "layers to write beside color; `tempera list layers` names them"}, "--layers", "A,B,C", "", true},
+      {{"output.path", "", "rendered frames, relative to the current directory: a folder, or names such as out/f.####.exr; see docs/shot.md"},
+       "-o,--output", "PATH", "for run out/NAME/NAME.####.exr"},
+      {{"output.layers", "color", "layers to write besides color; `tempera list layers` names them"}, "--layers", "A,B,C", "", true},
       {{"output.aov_names", "tempera", "whose names the layers get in the file", -kMany, kMany,
         {"tempera", "blender", "arnold", "renderman", "pbrt"}}, "--aov-names", "NAME"},
+      {{"output.view_layer", "ViewLayer", "first part of Blender's names"}, "--view-layer", "NAME"},
       {{"output.compression", "zip", "EXR compression", -kMany, kMany, {"none", "rle", "zips", "zip", "piz", "dwaa"}}, "", "NAME"},
       {{"output.half", false, "16-bit floats for radiance and reflectance layers"}, "--half", ""},
       {{"output.cryptomatte_depth", 6, "objects that cryptomatte keeps per pixel", 2, 16}, "", "N"},
@@ -64,10 +65,10 @@ std::vector<ShotKey> own_keys() {
       {{"environment.keep", false, "add to the scene's own environment instead of replacing it"}, "", ""},
 
       {{"reconstruct.path", "", "final frames that run makes of the differences of a gradient-domain integrator; as output.path"}, "",
-       "PATTERN", "a folder final beside the rendered frames"},
+       "PATH", "the folder final next to the rendered frames"},
 
       {{"video.path", "", "movie that run makes, relative to the current directory"}, "", "FILE",
-       "NAME.mp4 beside the rendered frames"},
+       "NAME.mp4 next to the rendered frames"},
       {{"video.fps", 0.0, "frame rate of the movie; 0: that of the shot", 0, 1000}, "", "N"},
       {{"video.codec", "auto", "auto (by the file's ending), h264, hevc, vp9, av1 or ffv1", -kMany, kMany,
         {"auto", "h264", "hevc", "vp9", "av1", "ffv1"}}, "", "NAME"},

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tempera/pipeline/shot.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "tempera/pipeline/materials.h"
@@ -148,6 +149,50 @@ TEST(Shot, CropAndScale) {
   EXPECT_EQ(shot.settings.height, 100);
   EXPECT_EQ(shot.settings.x0(), 50);
   EXPECT_EQ(shot.settings.y1(), 35);
+}
+
+TEST(Shot, ScaleCutsFractionsOffAsBlenderDoes) {
+  const auto size = [](int w, int h, const char* percent) {
+    const Shot s = settle(fmt::format("[film]\nresolution = [{}, {}]\nscale = {}\n", w, h, percent));
+    return std::pair(s.settings.width, s.settings.height);
+  };
+  EXPECT_EQ(size(1920, 1080, "33"), std::pair(633, 356));  // 633.6 x 356.4
+  EXPECT_EQ(size(1280, 720, "12.5"), std::pair(160, 90));
+  EXPECT_EQ(size(1000, 999, "33.3"), std::pair(333, 332));  // 332.667
+  for (int percent = 1; percent <= 200; ++percent) {
+    EXPECT_EQ(size(1921, 1079, std::to_string(percent).c_str()),
+              std::pair(std::max(1, 1921 * percent / 100), std::max(1, 1079 * percent / 100)));
+  }
+  EXPECT_EQ(size(3, 3, "1"), std::pair(1, 1));
+  // Windows that share an edge still do, and cover the whole picture.
+  const auto window = [](int x, int width) {
+    return settle(fmt::format("[film]\nresolution = [101, 9]\ncrop = [{}, 0, {}, 9]\nscale = 33\n", x, width)).settings;
+  };
+  for (int cut = 10; cut < 90; ++cut) {
+    EXPECT_EQ(window(0, cut).x1(), window(cut, 101 - cut).x0()) << cut;
+    EXPECT_EQ(window(cut, 101 - cut).x1(), 33) << cut;
+  }
+}
+
+TEST(Shot, SettingsThatAnIntegratorCannotDoWithAreNamed) {
+  const auto line = [](const std::string& toml) {
+    const Error e = error_of(toml);
+    EXPECT_NE(e.message(), "nothing was thrown") << toml;
+    return e.loc().line;
+  };
+  const std::string temporal = "[integrator]\nname = \"temporal_gradient_path\"\n[output]\nlayers = [\"albedo\"]\n";
+  EXPECT_EQ(line(temporal + "[sampling]\nspp = 1\n"), 7);
+  EXPECT_EQ(line(temporal + "[sampling]\nseed_per_frame = false\n"), 7);
+  EXPECT_EQ(line(temporal + "[shutter]\nrolling = 0.5\n"), 7);
+  EXPECT_EQ(line("[output]\nlayers = [\"grad.x\"]\n"), 3);
+  Scene s = scene();
+  s.defaults.spp = 1;  // the scene's own
+  try {
+    settle(temporal, s);
+    ADD_FAILURE() << "accepted";
+  } catch (const Error& e) {
+    EXPECT_EQ(e.loc().line, 3) << e.what();
+  }
 }
 
 TEST(Shot, CameraByNameOrIndex) {
