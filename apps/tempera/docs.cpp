@@ -62,14 +62,36 @@ std::string commands_page(const CLI::App& app) {
   return out;
 }
 
+/// The rule of output_pattern and settle_output.
+constexpr const char* kOutputNames = R"(
+## Names of output frames
+
+`output.path`, `reconstruct.path` and every `-o` for frames (of `render`, `run`, `reconstruct` and `gallery run`) follow one rule:
+
+| written | files |
+| --- | --- |
+| `out/f.####.exr` | `out/f.0001.exr`, `out/f.0002.exr`, ... |
+| `out/f.exr` | for one frame `out/f.exr`; for several `out/f.0001.exr`, ... |
+| `out/f.####` | `.exr` is added |
+| `out`, `out/`, a folder that exists | `out/NAME.0001.exr`, ...: NAME is that of the shot, or of the frames that are reconstructed |
+| `out/f.####.png`, `f.tif`, ... | refused with the name that would do: frames are OpenEXR |
+
+The place for the number is a run of `#` or `@` as long as the number, `%d` or `%04d`, `$F` or `$F4`, or `<frame>`, `<F>` or `<F4>`; input
+(`compare`, `video`, `reconstruct`) takes the same. Where shot.toml names the output of several frames as one file, `--frames 5` still
+writes `f.0005.exr`, so that parts of a shot never replace each other; given with `-o` on the command line, `f.exr` is that one frame.
+Missing folders are made.
+)";
+
 std::string shot_page() {
   std::string out = fmt::format(
       "{}\n# shot.toml\n\n"
       "A shot names a scene and says how to render a sequence of it. Every key can be given on the command line, too: "
-      "by its "
-      "flag, or by `--set key=value`. Each value comes from the command line, else from shot.toml, else from the scene "
-      "file, "
-      "else it is the default below. Unknown keys are errors. Input files are relative to the folder of shot.toml.\n\n"
+      "by its flag, or by `--set KEY=VALUE` with what a line of shot.toml would have (`--set film.crop='[0, 0, 64, "
+      "48]'`, "
+      "`--set 'film={{scale=50, filter=\"tent\"}}'`); text and lists of numbers may do without quotes and brackets "
+      "(`--set film.crop=0,0,64,48`). Each value comes from the command line, else from shot.toml, else from the scene "
+      "file, else it is the default below. Unknown keys are errors. Input files are relative to the folder of "
+      "shot.toml.\n\n"
       "```toml\n"
       "scene = \"robot.glb\"\n"
       "frames = \"1-48\"\n"
@@ -97,6 +119,7 @@ std::string shot_page() {
         "| `{}` | {} | {} | {} | {} |\n", dot == std::string::npos ? k.spec.name : k.spec.name.substr(dot + 1),
         cell(k.list ? "list or text" : type_text(k.spec)), cell(fallback), value_cell(k.flag), cell(k.spec.help));
   }
+  out += kOutputNames;
   out += "\n## Tables with names of your own\n\n| table | keys | meaning |\n| --- | --- | --- |\n";
   for (const OpenTable& t : shot_tables()) {
     out += fmt::format("| `[{}]` | {} | {} |\n", t.depth == 2 ? t.name + ".<" + t.key_name + ">" : t.name,
