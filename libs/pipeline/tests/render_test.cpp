@@ -105,6 +105,7 @@ ErrorCode code_of(const std::function<void()>& f) {
 
 TEST_F(RenderSequence, CamerasThatAFrameCannotBeSeenThroughAreRefusedFirst) {
   // Scale, and in turn NaN, of the camera in the last of three frames alone.
+  fs::create_directories(folder_);
   const double d = 1 / shot_.settings.clock.fps;
   for (const double bad : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN()}) {
     scene_.nodes[1].local.keyed = true;
@@ -122,6 +123,7 @@ TEST_F(RenderSequence, CamerasThatAFrameCannotBeSeenThroughAreRefusedFirst) {
 }
 
 TEST_F(RenderSequence, FramesNeverReplaceEachOther) {
+  fs::create_directories(folder_);
   shot_.output = (folder_ / "f.exr").string();
   EXPECT_EQ(code_of([&] { render(); }), ErrorCode::kUsage);
   EXPECT_EQ(files(), 0u);

@@ -86,7 +86,8 @@ TEST(RunPlan, MoviesOfPartsDoNotReplaceThatOfTheWhole) {
 }
 
 TEST(RunPlan, WhatWasAskedOfFilesHoldsForTheResult) {
-  const RunPlan p = plan(kTemporal + "[output]\nhalf = true\naov_names = \"blender\"\ncompression = \"dwaa\"\n");
+  const std::string spatial = "[integrator]\nname = \"gradient_path\"\n";
+  const RunPlan p = plan(spatial + "[output]\nhalf = true\naov_names = \"blender\"\ncompression = \"dwaa\"\n");
   EXPECT_FALSE(p.render.write.half);
   EXPECT_EQ(p.render.write.names, AovNames::kTempera);
   EXPECT_EQ(p.render.write.compression, Compression::kZip);
