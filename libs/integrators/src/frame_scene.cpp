@@ -3,13 +3,12 @@
 
 namespace tempera {
 
-namespace {
-
-/// The exposure of a frame, and a frame more on both sides.
-TimeSpan around(const FrameClock& clock, int frame) {
+TimeSpan evaluation_span(const FrameClock& clock, int frame) {
   const TimeSpan exposure = clock.exposure(frame);
   return {exposure.begin - clock.frame_duration(), exposure.end + clock.frame_duration()};
 }
+
+namespace {
 
 TimeSpan middle(const FrameClock& clock, int frame) {
   const TimeSpan exposure = clock.exposure(frame);
@@ -21,10 +20,10 @@ TimeSpan middle(const FrameClock& clock, int frame) {
 
 FrameScene::FrameScene(const Scene& scene, const RenderSettings& settings, const LightPathClassifier& classifier,
                        int frame, double motion_step, GeometryCache& cache)
-    : camera_(scene, settings.camera, settings.width, settings.height, around(settings.clock, frame), motion_step),
+    : camera_(scene, settings.camera, settings.width, settings.height, evaluation_span(settings.clock, frame), motion_step),
       cache_(cache),
       motion_step_(motion_step) {
-  const TimeSpan evaluation = around(settings.clock, frame);
+  const TimeSpan evaluation = evaluation_span(settings.clock, frame);
   for (const TimeSpan span : exposure_pieces(scene, settings.clock.exposure(frame), motion_step)) {
     const Piece& piece = pieces_.emplace_back(scene, span, evaluation, motion_step, cache);
     contexts_.push_back({scene, piece.rays, piece.lights, camera_, classifier, settings, frame});
@@ -47,7 +46,7 @@ std::uint64_t FrameScene::memory() const {
 
 PrecedingFrame::PrecedingFrame(const FrameScene& now)
     : rays_(now.contexts_[0].scene, middle(now.contexts_[0].settings.clock, now.contexts_[0].frame - 1),
-            around(now.contexts_[0].settings.clock, now.contexts_[0].frame - 1), {.motion_step = now.motion_step_},
+            evaluation_span(now.contexts_[0].settings.clock, now.contexts_[0].frame - 1), {.motion_step = now.motion_step_},
             now.cache_),
       context_{now.contexts_[0].scene,      rays_,
                now.contexts_[0].lights,     now.camera_,

@@ -239,7 +239,7 @@ void check_camera(const Sequence& q, std::span<const int> frames) {
   const RenderSettings& s = q.shot.settings;
   for (const int f : frames) {
     try {
-      CameraModel(q.scene, s.camera, s.width, s.height, q.evaluation(f), q.motion_step());
+      CameraModel(q.scene, s.camera, s.width, s.height, evaluation_span(s.clock, f), q.motion_step());
     } catch (const Error& e) {
       throw Error(e.code(), e.loc(), fmt::format("frame {}: {}", f, e.message()));
     }

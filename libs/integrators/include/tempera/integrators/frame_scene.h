@@ -8,6 +8,9 @@
 
 namespace tempera {
 
+/// Times at which points of a frame can be evaluated (seconds): its exposure, and a frame more on both sides.
+TimeSpan evaluation_span(const FrameClock& clock, int frame);
+
 /// What the rays of a frame meet, as far as the scene says: the exposure in pieces between jumps, each with the matter
 /// and the lights that are visible in it, and the camera. Points can be evaluated a frame further on both sides, where
 /// motion vectors look.
