@@ -64,10 +64,10 @@ TEST_F(CliShot, VertexCachesMoveWhatTheySay) {
   }
   std::vector<std::string> resume = layers;
   resume.emplace_back("--resume");
-  EXPECT_NE(render(toml, "f.####.exr", resume).err.find("0 frames rendered, 4 found finished"), std::string::npos);
+  EXPECT_NE(render(toml, "f.####.exr", resume).err.find("0 frames rendered, 4 already finished"), std::string::npos);
   write_cache("move.raw", 4, 0.25f);
   const Outcome again = render(toml, "f.####.exr", resume);
-  EXPECT_NE(again.err.find("4 frames rendered, 0 found finished"), std::string::npos) << again.err;
+  EXPECT_NE(again.err.find("4 frames rendered, 0 already finished"), std::string::npos) << again.err;
   // With an open shutter the moving edge is a ramp: half of the way at the middle of it.
   const Outcome open = render(
       "[caches.quad]\nfile = \"move.raw\"\nstart = 1\nstep = 0.5\n[film]\nresolution = [64, 64]\n"
@@ -93,9 +93,9 @@ TEST_F(CliShot, PixelAspectIsInTheFile) {
                    {"--resolution", "24x16", "--spp", "4", "--frames", "0", "--layers", "position"})
                 .status,
             0);
-  EXPECT_EQ(std::get<double>(read_metadata(path("f.0000.exr")).at(kPixelAspectKey)), 1.5);
+  EXPECT_EQ(std::get<double>(read_metadata(path("f.exr")).at(kPixelAspectKey)), 1.5);
   // The picture is 4 wide; 16 lines of pixels that are as high as two thirds of their width.
-  const Frame frame = read_frame(path("f.0000.exr"));
+  const Frame frame = read_frame(path("f.exr"));
   EXPECT_NEAR(frame.layer("position").rgb(12, 4).g - frame.layer("position").rgb(12, 10).g, 6 * 4 / 24.0 / 1.5, 0.05);
 }
 
@@ -106,8 +106,8 @@ TEST_F(CliShot, LightsGetSizes) {
                                        "--frames",     "0",   "--set", "film.crop=4,4,1,1"};
   ASSERT_EQ(render("", "point.exr", small).status, 0);
   ASSERT_EQ(render("[lights.bulb]\nradius = 0.7\n", "sphere.exr", small).status, 0);
-  const float point = read_frame(path("point.0000.exr")).layer("color").rgb(0, 0).r,
-              sphere = read_frame(path("sphere.0000.exr")).layer("color").rgb(0, 0).r;
+  const float point = read_frame(path("point.exr")).layer("color").rgb(0, 0).r,
+              sphere = read_frame(path("sphere.exr")).layer("color").rgb(0, 0).r;
   EXPECT_NEAR(sphere / point, 1, 0.02);
   const Outcome o = render("[lights.blub]\nradius = 0.7\n", "bad.exr", small);
   EXPECT_EQ(o.status, 3);

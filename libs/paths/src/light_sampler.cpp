@@ -592,7 +592,7 @@ std::optional<LightSample> LightSampler::sample(const Vec3f& p, double t, float 
     const std::size_t i = light - s.first_environment();
     found = s.from_infinity(i, s.sample_direction(s.environments[i], t, u), p, t, r);
   }
-  if (!found) result.reset();
+  if (!found || !(r.pdf > 0)) result.reset();  // rounding can pick what lies just out of sight
   return result;
 }
 
