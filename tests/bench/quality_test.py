@@ -79,6 +79,12 @@ class Methods(unittest.TestCase):
         self.assertEqual((m.name, m.denoises, m.clean), ("path", True, False))
         self.assertFalse(quality.Method("path").denoises)
 
+    def test_a_missing_denoiser_is_said_in_a_line(self):
+        command = [sys.executable, ROOT / "bench/quality.py", "--oidn", "/nowhere/lib.so", "--methods", "path+oidn"]
+        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.assertEqual(done.returncode, 1)
+        self.assertEqual(done.stderr, "quality: Open Image Denoise is not there: ./dev oidn fetches it\n")
+
     def test_methods_of_the_tables_are_known(self):
         for text in (quality.METHODS + "," + quality.TABLES["methods"]).split(","):
             quality.Method(text)
@@ -140,12 +146,6 @@ class Comparison(unittest.TestCase):
             self.assertIn("reference a: the scene or the renderer has changed", text_of(folder))
             self.assertNotEqual(reference.stat().st_mtime_ns, made)
             self.assertNotIn("rendering it again", text_of(folder))
-
-    def test_a_missing_denoiser_is_said_in_a_line(self):
-        command = [sys.executable, ROOT / "bench/quality.py", "--oidn", "/nowhere/lib.so", "--methods", "path+oidn"]
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self.assertEqual(done.returncode, 1)
-        self.assertEqual(done.stderr, "quality: Open Image Denoise is not there: ./dev oidn fetches it\n")
 
     def test_equal_time_is_met(self):
         stored, text = self.bench("--scene", "cornell-motion", "--resolution", "128x128", "--frames", "1", "--seeds", "1",
