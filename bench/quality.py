@@ -41,7 +41,7 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 RECONSTRUCTED = {"gradient_path", "temporal_gradient_path"}
 STAGE_KEYS = {"norm", "alpha", "window", "overlap", "temporal-rows", "strict-mixed", "weights", "schedule", "rounds",
-              "iterations"}
+              "iterations", "rare", "parts"}
 METHODS = "path,path+oidn,gradient_path,temporal_gradient_path"
 METRICS = "flicker_display,relmse,mse,temporal,flicker"
 # Frames in a row that tempera compare needs for a metric.

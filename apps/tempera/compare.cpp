@@ -114,18 +114,19 @@ std::vector<std::string> passed_limits(const CompareResult& result, const std::v
   return passed;
 }
 
+bool is_png(const std::string& path) { return has_extension(path, ".png"); }
+
 /// Writes a metric of each pixel for the frames of the first test.
 class ErrorMaps final : public CompareObserver {
  public:
-  ErrorMaps(std::string pattern, const MetricInfo& metric, bool numbered)
-      : pattern_(std::move(pattern)), metric_(metric), numbered_(numbered) {}
+  ErrorMaps(std::string pattern, const MetricInfo& metric) : pattern_(std::move(pattern)), metric_(metric) {}
 
   std::vector<std::string> maps() const override { return {std::string(metric_.id)}; }
   void test(std::size_t, int frame, const Image&, const std::function<const Image*(std::string_view)>& map) override {
     const Image* const values = map(metric_.id);
     if (!values) return;
-    const std::string path = numbered_ ? frame_path(pattern_, frame) : pattern_;
-    if (path.ends_with(".png")) {
+    const std::string path = frame_path(pattern_, frame);
+    if (is_png(path)) {
       write_png(path, *values, {.exposure = 0, .tone_map = ToneMap::kNone});
     } else {
       Frame out(values->width(), values->height());
@@ -137,7 +138,6 @@ class ErrorMaps final : public CompareObserver {
  private:
   std::string pattern_;
   const MetricInfo& metric_;
-  bool numbered_;
 };
 
 /// Passes what it sees on to others.
@@ -197,6 +197,10 @@ void compare(const Flags& flags, const std::stop_token& stop) {
   if (!flags.error_map.empty() && flags.tests.size() > 1) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "--error-map takes one picture or sequence at a time");
   }
+  if (!flags.error_map.empty() && !is_png(flags.error_map) && !has_extension(flags.error_map, ".exr")) {
+    throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
+                fmt::format("--error-map \"{}\" must end in .png or .exr", flags.error_map));
+  }
   if (flags.reference.empty() && !options.reference2.empty()) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "--reference2 needs a first one: --reference");
   }
@@ -236,8 +240,8 @@ void compare(const Flags& flags, const std::stop_token& stop) {
   Observers observers;
   std::optional<ErrorMaps> maps;
   if (!flags.error_map.empty()) {
-    const bool numbered = tests[0].runs[0].frames().size() > 1 || has_frame_pattern(flags.error_map);
-    maps.emplace(flags.error_map, drawn ? *drawn : get_metric("relmse"), numbered);
+    const bool single = tests[0].runs[0].frames().size() == 1;
+    maps.emplace(single ? flags.error_map : numbered_pattern(flags.error_map), drawn ? *drawn : get_metric("relmse"));
     observers.add(*maps);
   }
   if (report) observers.add(*report);

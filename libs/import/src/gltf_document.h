@@ -79,6 +79,7 @@ class GltfDocument {
   /// Version of Blender's exporter that wrote the file, as major * 100 + minor; 0: another program.
   int blender_version() const { return blender_version_; }
   void warn(const std::string& what, const Json& where) const;
+  Warnings& warnings() const { return warnings_; }
 
  private:
   struct View {

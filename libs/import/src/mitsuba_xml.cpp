@@ -647,8 +647,8 @@ std::filesystem::path Document::find_file(const std::string& name, const Place& 
   for (const std::filesystem::path& folder : folders_)
     if (std::filesystem::exists(folder / path, failed)) return folder / path;
   // Parts that were included may also count from their own folder.
-  const std::filesystem::path beside = files_[std::size_t(place.file)].path.parent_path() / path;
-  return std::filesystem::exists(beside, failed) ? beside : folders_.back() / path;
+  const std::filesystem::path sibling = files_[std::size_t(place.file)].path.parent_path() / path;
+  return std::filesystem::exists(sibling, failed) ? sibling : folders_.back() / path;
 }
 
 }  // namespace tempera::mitsuba
