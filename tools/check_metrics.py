@@ -6,6 +6,7 @@ FLIP comes from NVIDIA's flip-evaluator, SSIM and PSNR from scikit-image, spectr
 files are read by Mitsuba 3. Ends with status 1 if a figure differs by more than its tolerance.
     python3 -m pip install -r tools/requirements-dev.txt
     python3 tools/check_metrics.py 'out/test/f.####.exr' 'out/reference/f.####.exr'
+With --reference2 squared metrics are checked without the noise of both references, from their definition.
 """
 import argparse
 import json
@@ -23,7 +24,8 @@ import skimage.metrics
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
-TOLERANCE = {"flip": 1e-3, "hdr_flip": 1e-3, "psnr": 1e-3, "ssim": 1e-4, "flicker": 1e-3}  # the last is relative
+TOLERANCE = {"flip": 1e-3, "hdr_flip": 1e-3, "psnr": 1e-3, "ssim": 1e-4, "flicker": 1e-3,
+             "flicker_display": 1e-2}  # that of flicker is relative
 CUTOFF = 0.25
 NOT_CHECKED = ("warp_error", "motion_error")
 
@@ -70,11 +72,15 @@ def relative_change(t, t0, r, r0):
     return ((t - t0) - (r - r0)) ** 2 / ((r**2 + r0**2) / 2 + 1e-2)
 
 
+def displayed_luminance(v):
+    return srgb(np.clip(np.nan_to_num(v.astype(np.float64), nan=0), 0, 1) @ LUMINANCE)
+
+
 def measure_frame(test, reference, before):
     """Values of a frame; `before`: test and reference of the frame before."""
     t32, r32 = test["color"], reference["color"]
     t, r = t32.astype(np.float64), r32.astype(np.float64)
-    yt, yr = (srgb(np.clip(v, 0, 1) @ LUMINANCE) for v in (t, r))
+    yt, yr = displayed_luminance(t), displayed_luminance(r)
     out = {
         "relmse": ((t - r) ** 2 / (r**2 + 1e-2)).mean(),
         "relmse_gray": (((t - r) ** 2).mean(axis=-1) / (r.mean(axis=-1) ** 2 + 1e-3)).mean(),
@@ -107,22 +113,53 @@ def flicker(residuals):
     return power[frequency > CUTOFF + 1e-9].sum()
 
 
+def measure_two(test, references, frames):
+    """Means over frames of squared metrics: ((x - a)^2 + (x - b)^2 - (a - b)^2) / 2, relative to the mean of a and b."""
+    colors = [np.array([load(p, f)["color"].astype(np.float64) for f in frames]) for p in (test, *references)]
+    x, a, b = colors
+    square = ((x - a) ** 2 + (x - b) ** 2 - (a - b) ** 2) / 2
+
+    def power(values):
+        x, a, b = (v.reshape(len(frames), -1) for v in values)
+        return (flicker(x - a) + flicker(x - b) - flicker(a - b)) / 2
+    return {"relmse": (square / (((a + b) / 2) ** 2 + 1e-2)).mean(), "mse": square.mean(),
+            "flicker": power([v @ LUMINANCE for v in colors]),
+            "flicker_display": 255 * np.sqrt(max(0, power([displayed_luminance(v) for v in colors])))}
+
+
+def report(differences):
+    """Prints them and ends the program, with status 1 if one is too large."""
+    failed = False
+    for name, difference in differences.items():
+        bad = not difference <= TOLERANCE.get(name, 1e-6)
+        failed |= bad
+        print(f"{name:22} differs by {difference:.1e} at most{'  TOO MUCH' if bad else ''}")
+    sys.exit(failed)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("test")
     parser.add_argument("reference")
+    parser.add_argument("--reference2", help="checks relmse, mse, flicker and flicker_display without the references' noise")
     parser.add_argument("--tempera", default=ROOT / "build/release/bin/tempera")
     args = parser.parse_args()
     mitsuba.set_variant("scalar_rgb")
 
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / "figures.json"
-        subprocess.run([args.tempera, "compare", args.test, "--reference", args.reference, "--metrics", "all", "--json",
-                        path], check=True)
+        second = ["--reference2", args.reference2] if args.reference2 else []
+        metrics = "relmse,mse,flicker,flicker_display" if second else "all"
+        subprocess.run([args.tempera, "compare", args.test, "--reference", args.reference, *second, "--metrics", metrics,
+                        "--json", path], check=True)
         side = json.loads(path.read_text())["sides"][0]
+    if second:
+        figures = measure_two(args.test, (args.reference, args.reference2), side["frames"])
+        report({name: abs(side["mean"][name] - value) / (1 if name == "flicker_display" else abs(value))
+                for name, value in figures.items()})
 
     worst = {name: 0.0 for name in side["values"] if name not in NOT_CHECKED}
-    before, residuals = None, []
+    before, residuals, displayed = None, [], []
     for i, frame in enumerate(side["frames"]):
         test, reference = load(args.test, frame), load(args.reference, frame)
         for name, value in measure_frame(test, reference, before).items():
@@ -131,15 +168,12 @@ def main():
                 if not difference <= worst.get(name, 0):  # NaN stays
                     worst[name] = difference
         residuals.append(((test["color"].astype(np.float64) - reference["color"]) @ LUMINANCE).ravel())
+        displayed.append((displayed_luminance(test["color"]) - displayed_luminance(reference["color"])).ravel())
         before = (test, reference)
     if "flicker" in side["mean"] and len(residuals) <= 64:
         worst["flicker"] = abs(side["mean"]["flicker"] / flicker(np.array(residuals)) - 1)
-    failed = False
-    for name, difference in worst.items():
-        bad = not difference <= TOLERANCE.get(name, 1e-6)
-        failed |= bad
-        print(f"{name:22} differs by {difference:.1e} at most{'  TOO MUCH' if bad else ''}")
-    sys.exit(failed)
+        worst["flicker_display"] = abs(side["mean"]["flicker_display"] - 255 * np.sqrt(flicker(np.array(displayed))))
+    report(worst)
 
 
 if __name__ == "__main__":

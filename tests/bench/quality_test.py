@@ -10,7 +10,7 @@ import json
 import math
 import pathlib
 import random
-import statistics
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -42,15 +42,18 @@ class Statistics(unittest.TestCase):
         self.assertEqual(quality.ratio_interval([None], [1]), (None, None, None))
         self.assertEqual(quality.ratio_interval([3], [1])[1:], (None, None))
 
-    def test_noise_of_references_is_taken_out(self):
-        rng = random.Random(3)
-        n, truth, error = 20000, 0.7, 0.05
-        x, a, b = ([truth + rng.gauss(0, s) for _ in range(n)] for s in (error, 0.1, 0.2))
-        square = lambda p, q: statistics.fmean((u - v) ** 2 for u, v in zip(p, q))
-        figure = quality.without_noise("mse", square(x, a), square(x, b), square(a, b))
-        self.assertAlmostEqual(figure / error ** 2, 1, delta=0.15)
-        self.assertEqual(quality.without_noise("bias", 1, 3, 7), 2)
-        self.assertIsNone(quality.without_noise("mse", 1, None, 1))
+    def test_mean_with_its_interval(self):
+        mean, half = quality.mean_interval([1, None, 2, 3])
+        self.assertEqual(mean, 2)
+        self.assertAlmostEqual(half, 4.303 / math.sqrt(3), 3)
+        self.assertEqual(quality.mean_interval([None, 5]), (5, None))
+        self.assertEqual(quality.mean_interval([None]), (None, None))
+
+    def test_figures_have_as_many_digits_as_their_error_allows(self):
+        self.assertEqual(quality.number(0.00126789, 0.000034), "0.001268 ± 0.000034")
+        self.assertEqual(quality.number(6.71234, 0.21), "6.71 ± 0.21")
+        self.assertEqual(quality.number(1234.5, 310), "1.23e+03 ± 3.1e+02")
+        self.assertEqual(quality.number(0.0123456), "0.0123")
 
     def test_interval_covers_as_often_as_it_says(self):
         rng, hits, trials = random.Random(5), 0, 2000
@@ -69,12 +72,29 @@ class Methods(unittest.TestCase):
         g = quality.Method("gradient_path:norm=l2")
         self.assertEqual((g.wanted_spp, g.render, g.stage), (None, [], ["--norm", "l2"]))
 
+    def test_denoised_methods(self):
+        m = quality.Method("temporal_gradient_path+oidn:spp=4:clean=true:norm=l2")
+        self.assertEqual((m.name, m.denoises, m.clean, m.stage), ("temporal_gradient_path", True, True, ["--norm", "l2"]))
+        m = quality.Method("path+oidn")
+        self.assertEqual((m.name, m.denoises, m.clean), ("path", True, False))
+        self.assertFalse(quality.Method("path").denoises)
+
+    def test_a_missing_denoiser_is_said_in_a_line(self):
+        command = [sys.executable, ROOT / "bench/quality.py", "--oidn", "/nowhere/lib.so", "--methods", "path+oidn"]
+        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.assertEqual(done.returncode, 1)
+        self.assertEqual(done.stderr, "quality: Open Image Denoise is not there: ./dev oidn fetches it\n")
+
+    def test_methods_of_the_tables_are_known(self):
+        for text in (quality.METHODS + "," + quality.TABLES["methods"]).split(","):
+            quality.Method(text)
+
     def test_frame_sets(self):
         self.assertEqual(quality.frames_of("1-4"), [1, 2, 3, 4])
         self.assertEqual(quality.frames_of("3,10-14x2,1..2"), [3, 10, 12, 14, 1, 2])
 
     def test_wrong_settings_end_the_program(self):
-        for text in ("path:spp=0", "path:spp=many", "path:sampler", "path:=3"):
+        for text in ("path:spp=0", "path:spp=many", "path:sampler", "path:=3", "path+odin", "path+oidn:clean=yes"):
             with self.assertRaises(SystemExit):
                 quality.Method(text)
 
@@ -102,6 +122,30 @@ class Comparison(unittest.TestCase):
             self.assertLess(high / low, 1.6, "the interval says nothing: " + text)
         self.assertLess(second["ratios"]["temporal"][2], 0.5, text)
         self.assertLess(stored["noise"]["relmse"], 0.1 * second["figures"][0]["relmse"], text)
+
+    def test_references_are_kept_while_their_pixels_stay(self):
+        def text_of(folder, *arguments):
+            done = subprocess.run([sys.executable, ROOT / "bench/quality.py", "--build", folder, "--work", folder / "work",
+                                   "--scene", "cornell-motion@16x16", "--frames", "1-2", "--seeds", "1", "--reference-spp",
+                                   "4", "--methods", "path:spp=1", "--metrics", "relmse", *arguments],
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+            self.assertEqual(done.returncode, 0, done.stdout)
+            return done.stdout
+        with tempfile.TemporaryDirectory() as folder:
+            folder = pathlib.Path(folder)
+            (folder / "bin").mkdir()
+            (folder / "bin/tempera").symlink_to(TEMPERA.resolve())
+            text_of(folder)
+            reference = next((folder / "work").glob("cornell-motion/reference_*_a/f.0001.exr"))
+            made = reference.stat().st_mtime_ns
+            self.assertNotIn("rendering it again", text_of(folder))
+            self.assertEqual(reference.stat().st_mtime_ns, made)
+            # A renderer whose pixels changed: what is known of the quick rendering is that of other random numbers.
+            shutil.copy(next((folder / "work").glob("cornell-motion/reference_*_b/probe/f.0001.exr")),
+                        reference.parent / "probe/f.0001.exr")
+            self.assertIn("reference a: the scene or the renderer has changed", text_of(folder))
+            self.assertNotEqual(reference.stat().st_mtime_ns, made)
+            self.assertNotIn("rendering it again", text_of(folder))
 
     def test_equal_time_is_met(self):
         stored, text = self.bench("--scene", "cornell-motion", "--resolution", "128x128", "--frames", "1", "--seeds", "1",

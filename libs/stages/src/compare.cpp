@@ -100,8 +100,10 @@ enum SpectrumKind : std::size_t { kDisplayed, kInPlace, kTracked };
 
 /// The residuals of one run.
 struct Residuals {
-  PowerSums power;
-  std::vector<SegmentRecord> segments;  ///< that are being filled, the oldest first
+  std::array<PowerSums, kSpectra.size()> power;
+  // Of the segments that are being filled, the oldest first.
+  std::vector<SegmentRecord<std::int16_t>> displayed;
+  std::vector<SegmentRecord<float>> in_place, tracked;
 };
 
 /// One run of one side, and what has been measured of it.
@@ -111,15 +113,15 @@ struct Run {
   std::vector<std::vector<PixelMean>> values;  ///< [metric][frame of the side]
   Picture now, before;
   Image motion;
-  std::array<Residuals, kSpectra.size()> residuals;
+  Residuals residuals;
 };
 
 /// What the runs of a side share in the spectrum of their residuals; sides with the same frames have one together.
 struct SpectrumPlan {
   Segments segments;  ///< empty if there are too few frames
   int first_frame = 0, frames = 0;
-  std::vector<Tracks> tracks;                        ///< of the segments that are being filled
-  std::array<Residuals, kSpectra.size()> reference;  ///< of the first reference, if there are two
+  std::vector<Tracks> tracks;  ///< of the segments that are being filled
+  Residuals reference;         ///< of the first reference, if there are two
 };
 
 struct ReferenceFrame {
@@ -331,8 +333,10 @@ class Comparison {
   }
 
   void plan_spectra() {
-    std::int64_t bytes = 0;  // of each pixel that is looked at
-    const auto records = std::int64_t(std::count(uses_spectrum_.begin(), uses_spectrum_.end(), true));
+    std::int64_t bytes = 0;   // of each pixel that is looked at
+    const auto value_bytes =  // of a pixel in a frame
+        std::int64_t(sizeof(float) * (uses_spectrum_[kInPlace] + uses_spectrum_[kTracked]) +
+                     sizeof(std::int16_t) * uses_spectrum_[kDisplayed]);
     for (const CompareSide& side : result_.sides) {
       const auto [first, frames] = longest_stretch(side.frames, step_);
       const int first_frame = side.frames[first];
@@ -348,7 +352,7 @@ class Comparison {
       const Segments& segments = plans_[at].segments;
       const std::int64_t at_a_time = std::min<std::int64_t>(2, std::int64_t(segments.starts.size()));
       const std::int64_t runs = std::int64_t(side.runs.size()) + (is_new && second_);
-      bytes += at_a_time * (runs * segments.length * std::int64_t(sizeof(float)) * records +
+      bytes += at_a_time * (runs * segments.length * value_bytes +
                             std::int64_t(sizeof(Vec2f)) * (is_new && uses_spectrum_[kTracked]));
     }
     int stride = 1;
@@ -566,27 +570,28 @@ class Comparison {
       const bool begins = contains(plan.segments.starts, at);
       if (begins && uses_spectrum_[kTracked]) plan.tracks.emplace_back(*choice_);
       bool ended = false;
-      const auto record = [&](std::array<Residuals, kSpectra.size()>& residuals, const Image& test,
-                              const Image& shown) {
-        for (std::size_t k = 0; k < kSpectra.size(); ++k) {
-          if (!uses_spectrum_[k]) continue;
-          std::vector<SegmentRecord>& segments = residuals[k].segments;
-          if (begins) segments.emplace_back(plan.segments, choice_);
-          for (std::size_t i = 0; i < segments.size(); ++i) {
-            segments[i].add(k == kDisplayed ? shown : test, k == kDisplayed ? shown_reference : now_.image,
-                            k == kTracked ? &plan.tracks[i].positions() : nullptr);
-          }
-          if (!segments.front().full()) continue;
-          segments.front().add_to(residuals[k].power);
-          segments.erase(segments.begin());
-          ended = true;
+      const auto record = [&](Residuals& residuals, SpectrumKind kind, auto& segments, const Image& test,
+                              const Image& reference) {
+        if (!uses_spectrum_[kind]) return;
+        if (begins) segments.emplace_back(plan.segments, choice_);
+        for (std::size_t i = 0; i < segments.size(); ++i) {
+          segments[i].add(test, reference, kind == kTracked ? &plan.tracks[i].positions() : nullptr);
         }
+        if (!segments.front().full()) return;
+        segments.front().add_to(residuals.power[kind]);
+        segments.erase(segments.begin());
+        ended = true;
+      };
+      const auto record_all = [&](Residuals& residuals, const Image& test, const Image& shown) {
+        record(residuals, kDisplayed, residuals.displayed, shown, shown_reference);
+        record(residuals, kInPlace, residuals.in_place, test, now_.image);
+        record(residuals, kTracked, residuals.tracked, test, now_.image);
       };
       for (Run* r : active_) {
         if (plan_of_side_[r->side] != p) continue;
-        record(r->residuals, r->now.image, displays ? displayed(r->now.image) : Image());
+        record_all(r->residuals, r->now.image, displays ? displayed(r->now.image) : Image());
       }
-      if (second_) record(plan.reference, now_.first, shown_first);
+      if (second_) record_all(plan.reference, now_.first, shown_first);
       if (ended && uses_spectrum_[kTracked]) plan.tracks.erase(plan.tracks.begin());
     }
   }
@@ -707,10 +712,9 @@ class Comparison {
   }
 
   /// The spectrum of one run, with the noise of the references.
-  ResidualSpectrum spectrum(const MetricEntry& entry, const SpectrumPlan& plan,
-                            const std::array<Residuals, kSpectra.size()>& residuals) const {
+  ResidualSpectrum spectrum(const MetricEntry& entry, const SpectrumPlan& plan, const Residuals& residuals) const {
     const auto kind = std::size_t(std::find(kSpectra.begin(), kSpectra.end(), entry.info.id) - kSpectra.begin());
-    const PowerSums& sums = residuals[kind].power;
+    const PowerSums& sums = residuals.power[kind];
     const double all = double(result_.width) * double(result_.height) * double(plan.segments.starts.size());
     return spectrum_of(entry.info.id, plan.segments, sums, sums.pixels / all);
   }

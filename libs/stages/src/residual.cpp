@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <type_traits>
 
 #include "motion.h"
 #include "tempera/core/parallel.h"
@@ -14,6 +15,19 @@ namespace tempera {
 namespace {
 
 constexpr std::int64_t kBlock = 512;  ///< pixels a task: their series fit in the cache
+
+constexpr float kLost = std::numeric_limits<float>::quiet_NaN(), kSteps = 32767;
+
+template <class Stored>
+Stored stored(float residual) {
+  if constexpr (std::is_same_v<Stored, float>) {
+    return residual;
+  } else {  // of what is displayed, which is finite
+    return Stored(std::lround(std::clamp(residual, -1.0f, 1.0f) * kSteps));
+  }
+}
+float restored(float v) { return v; }
+float restored(std::int16_t v) { return float(v) / kSteps; }
 
 std::int64_t blocks(std::size_t pixels) { return (std::int64_t(pixels) + kBlock - 1) / kBlock; }
 
@@ -63,19 +77,23 @@ void Tracks::advance(const Image& forward, const Image* backward) {
   });
 }
 
-SegmentRecord::SegmentRecord(const Segments& segments, std::shared_ptr<const PixelChoice> choice)
+template <class Stored>
+SegmentRecord<Stored>::SegmentRecord(const Segments& segments, std::shared_ptr<const PixelChoice> choice)
     : length_(segments.length), choice_(std::move(choice)), values_(std::size_t(length_) * choice_->pixels.size()) {}
 
-void SegmentRecord::add(const Image& test, const Image& reference, const std::vector<Vec2f>* positions) {
+template <class Stored>
+void SegmentRecord<Stored>::add(const Image& test, const Image& reference, const std::vector<Vec2f>* positions) {
   const auto& pixels = choice_->pixels;
-  float* const out = values_.data() + std::size_t(added_) * pixels.size();
-  const auto residual = [&](int x, int y) { return luminance(test.rgb(x, y)) - luminance(reference.rgb(x, y)); };
+  Stored* const out = values_.data() + std::size_t(added_) * pixels.size();
+  const auto residual = [&](int x, int y) {
+    return stored<Stored>(luminance(test.rgb(x, y)) - luminance(reference.rgb(x, y)));
+  };
   parallel_for(0, blocks(pixels.size()), [&](std::int64_t block) {
     const auto end = std::min(std::size_t((block + 1) * kBlock), pixels.size());
     for (auto i = std::size_t(block * kBlock); i < end; ++i) {
       if (positions) {
         const Vec2f p = (*positions)[i];
-        out[i] = is_position(p) ? residual(int(p.x), int(p.y)) : std::numeric_limits<float>::quiet_NaN();
+        out[i] = is_position(p) ? residual(int(p.x), int(p.y)) : stored<Stored>(kLost);
       } else {
         out[i] = residual(pixels[i].x, pixels[i].y);
       }
@@ -84,7 +102,8 @@ void SegmentRecord::add(const Image& test, const Image& reference, const std::ve
   ++added_;
 }
 
-void SegmentRecord::add_to(PowerSums& sums) const {
+template <class Stored>
+void SegmentRecord<Stored>::add_to(PowerSums& sums) const {
   const int n = length_, frequencies = n / 2 + 1;
   // w_t = sin^2(pi (t + 1/2) / n), the Hann window, times cosine and sine of each frequency, and normalized so that the
   // powers of a series e add up to the sum of (w e)^2 over that of w^2.
@@ -117,11 +136,11 @@ void SegmentRecord::add_to(PowerSums& sums) const {
     Block& part = parts[std::size_t(block)];
     for (std::size_t i = 0; i < count; ++i) {
       bool finite = true;
-      for (int t = 0; t < n; ++t) finite &= std::isfinite(values_[std::size_t(t) * pixels + begin + i]);
+      for (int t = 0; t < n; ++t) finite &= std::isfinite(restored(values_[std::size_t(t) * pixels + begin + i]));
       if (!finite) continue;
       ++part.pixels;
       for (int t = 0; t < n; ++t) {
-        series[std::size_t(t) * std::size_t(kBlock) + i] = values_[std::size_t(t) * pixels + begin + i];
+        series[std::size_t(t) * std::size_t(kBlock) + i] = restored(values_[std::size_t(t) * pixels + begin + i]);
       }
     }
     for (int k = 0; k < frequencies; ++k) {
@@ -143,6 +162,9 @@ void SegmentRecord::add_to(PowerSums& sums) const {
     sums.pixels += part.pixels;
   }
 }
+
+template class SegmentRecord<float>;
+template class SegmentRecord<std::int16_t>;
 
 ResidualSpectrum spectrum_of(std::string_view id, const Segments& segments, const PowerSums& sums, double coverage) {
   ResidualSpectrum s;

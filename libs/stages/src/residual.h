@@ -60,7 +60,10 @@ struct PowerSums {
   double pixels = 0;          ///< how many of them were counted
 };
 
-/// The residuals of one run over the frames of one segment.
+/// The residuals of one run over the frames of one segment. `Stored`: how they are kept in memory, as float or, where
+/// they are in [-1,1] as those of displayed pictures, as std::int16_t in half the room: to 1/32767, an error of
+/// 0.002/255.
+template <class Stored>
 class SegmentRecord {
  public:
   SegmentRecord(const Segments& segments, std::shared_ptr<const PixelChoice> choice);
@@ -74,7 +77,7 @@ class SegmentRecord {
  private:
   int length_, added_ = 0;
   std::shared_ptr<const PixelChoice> choice_;
-  std::vector<float> values_;  ///< [frame][pixel]
+  std::vector<Stored> values_;  ///< [frame][pixel]
 };
 
 /// The mean power of each frequency. Pre: sums of segments of `segments.length` frames.

@@ -19,7 +19,7 @@ ResidualSpectrum spectrum(int frames, int w, int h, const std::function<float(in
   const auto choice = std::make_shared<const PixelChoice>(w, h, stride);
   PowerSums sums;
   for (const int start : plan.starts) {
-    SegmentRecord record(plan, choice);
+    SegmentRecord<float> record(plan, choice);
     for (int t = start; t < start + plan.length; ++t) {
       Image reference(w, h, 1), test(w, h, 1);
       for (int y = 0; y < h; ++y) {
@@ -110,7 +110,7 @@ TEST(Spectrum, PixelsThatAreNotFiniteDropOut) {
   const Segments plan = plan_segments(16);
   const auto choice = std::make_shared<const PixelChoice>(16, 4, 1);
   PowerSums half, all;
-  SegmentRecord with(plan, choice), without(plan, choice);
+  SegmentRecord<float> with(plan, choice), without(plan, choice);
   for (int t = 0; t < 16; ++t) {
     const Image reference(16, 4, 1);
     Image test(16, 4, 1);
@@ -184,7 +184,7 @@ TEST(Tracks, ResidualsAreLookedUpAtTheNearestPixel) {
   const Segments plan = plan_segments(8);
   const auto choice = std::make_shared<const PixelChoice>(32, 2, 1);
   PowerSums along, in_place;
-  SegmentRecord tracked(plan, choice), fixed(plan, choice);
+  SegmentRecord<float> tracked(plan, choice), fixed(plan, choice);
   std::vector<Vec2f> positions;
   for (const PixelChoice::Pixel& p : choice->pixels) positions.push_back({float(p.x) + 0.5f, float(p.y) + 0.5f});
   for (int t = 0; t < 8; ++t) {
