@@ -35,7 +35,7 @@ import time
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 RECONSTRUCTED = {"gradient_path", "temporal_gradient_path"}
 STAGE_KEYS = {"norm", "alpha", "window", "overlap", "temporal-rows", "strict-mixed", "weights", "schedule", "rounds",
-              "iterations"}
+              "iterations", "rare", "parts"}
 METRICS = ["relmse", "mse", "temporal", "flicker"]
 # Means of squares of what differs: the noise of independent references adds to them.
 SQUARED = {"relmse", "relmse_gray", "mse", "temporal", "temporal_compensated", "flicker", "flicker_tracked"}

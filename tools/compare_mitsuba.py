@@ -36,19 +36,29 @@ def rgb(channels, layer=""):
     return np.stack([channels[prefix + c] for c in "RGB"], axis=-1)
 
 
-def render_tempera(args, seed, spp, out):
-    command = [args.tempera, "render", args.scene, "-o", out, "--frames", "1", "--spp", str(spp), "--seed", str(seed),
-               "--sampler", "independent", "--layers", "color,color.var", "--progress", "none"]
-    if args.width:
-        command += ["--resolution", f"{args.width}x{args.height}"]
-    if args.max_depth is not None:
-        command += ["--max-depth", str(args.max_depth)]
-    for define in args.define:
-        command += ["-D", define]
-    subprocess.run(command, check=True)
-    produced = [f for f in os.listdir(os.path.dirname(out)) if f.endswith(".exr")]
-    channels = read_exr(os.path.join(os.path.dirname(out), sorted(produced)[0]))
-    return rgb(channels), rgb(channels, "color.var")
+def render_tempera(args, batches, spp):
+    images = []
+    for i in range(batches):
+        with tempfile.TemporaryDirectory() as folder:
+            command = [args.tempera, "render", args.scene, "-o", os.path.join(folder, "ours.####.exr"), "--frames", "1",
+                       "--spp", str(spp), "--seed", str(1 + i), "--sampler", "independent", "--layers", "color",
+                       "--progress", "none"]
+            if args.width:
+                command += ["--resolution", f"{args.width}x{args.height}"]
+            if args.max_depth is not None:
+                command += ["--max-depth", str(args.max_depth)]
+            for define in args.define:
+                command += ["-D", define]
+            subprocess.run(command, check=True)
+            produced = [f for f in os.listdir(folder) if f.endswith(".exr")]
+            images.append(rgb(read_exr(os.path.join(folder, sorted(produced)[0]))))
+    return mean_and_variance(images)
+
+
+def mean_and_variance(batches):
+    """The mean of independent pictures and its variance."""
+    mean = np.mean(batches, axis=0)
+    return mean, np.var(batches, axis=0, ddof=1) / len(batches)
 
 
 def load_scene(args):
@@ -80,13 +90,9 @@ def path_integrator(scene, args):
 def render_mitsuba(args, batches, spp):
     scene = mitsuba_scene(args)
     integrator = path_integrator(scene, args)
-    mean = m2 = 0
-    for i in range(batches):
-        image = np.array(mi.render(scene, integrator=integrator, spp=spp, seed=1000 + i), dtype=np.float64)[:, :, :3]
-        mean = mean + image / batches
-        m2 = m2 + image * image / batches
-    variance = np.maximum(m2 - mean * mean, 0) / (batches - 1)
-    return mean, variance
+    return mean_and_variance([
+        np.array(mi.render(scene, integrator=integrator, spp=spp, seed=1000 + i), dtype=np.float64)[:, :, :3]
+        for i in range(batches)])
 
 
 def normal_p(z):
@@ -100,7 +106,7 @@ def main():
     parser.add_argument("--width", type=int, default=0)
     parser.add_argument("--height", type=int, default=0)
     parser.add_argument("--spp", type=int, default=256)
-    parser.add_argument("--batches", type=int, default=16, help="independent renders with Mitsuba, spp / batches each")
+    parser.add_argument("--batches", type=int, default=16, help="independent renders of each program, spp / batches each")
     parser.add_argument("--max-depth", type=int)
     parser.add_argument("--define", "-D", action="append", default=[])
     parser.add_argument("--reference", help="converged mean (instead of rendering with Mitsuba)")
@@ -131,20 +137,20 @@ def main():
         size = load_scene(args).sensors()[0].film().size()
         args.height = max(1, round(args.width * int(size[1]) / int(size[0])))
 
-    with tempfile.TemporaryDirectory() as folder:
-        ours, our_variance = render_tempera(args, 1, args.spp, os.path.join(folder, "ours.####.exr"))
+    batch_spp = max(1, args.spp // args.batches)
+    ours, our_variance = render_tempera(args, args.batches, batch_spp)
     if args.reference:
         theirs = rgb(read_exr(args.reference))
         # Mitsuba's own test compares XYZ: its variances were taken there and only stored as RGB. The reference counts as
         # exact, its per-sample variance is floored.
         to_xyz = np.array(RGB_TO_XYZ).T
         ours, theirs = ours @ to_xyz, theirs @ to_xyz
-        variance = np.maximum(rgb(read_exr(args.variance)) @ to_xyz, 1e-4) / args.spp
+        variance = np.maximum(rgb(read_exr(args.variance)) @ to_xyz, 1e-4) / (batch_spp * args.batches)
     else:
-        theirs, their_variance = render_mitsuba(args, args.batches, max(1, args.spp // args.batches))
+        theirs, their_variance = render_mitsuba(args, args.batches, batch_spp)
         # Batches estimate a variance with batches - 1 degrees of freedom only: smooth over 5 x 5 pixels, and floor it at
         # what single precision accumulates.
-        variance = box5(their_variance) + np.maximum(our_variance, box5(our_variance))
+        variance = box5(their_variance) + box5(our_variance)
         variance = np.maximum(variance, (1e-4 * (1e-3 + np.abs(theirs))) ** 2)
     if args.border:
         # Mitsuba cuts a filter off at the edge of the film and scales up what is left; Tempera samples beyond the edge, as

@@ -114,18 +114,19 @@ std::vector<std::string> passed_limits(const CompareResult& result, const std::v
   return passed;
 }
 
+bool is_png(const std::string& path) { return has_extension(path, ".png"); }
+
 /// Writes a metric of each pixel for the frames of the first test.
 class ErrorMaps final : public CompareObserver {
  public:
-  ErrorMaps(std::string pattern, const MetricInfo& metric, bool numbered)
-      : pattern_(std::move(pattern)), metric_(metric), numbered_(numbered) {}
+  ErrorMaps(std::string pattern, const MetricInfo& metric) : pattern_(std::move(pattern)), metric_(metric) {}
 
   std::vector<std::string> maps() const override { return {std::string(metric_.id)}; }
   void test(std::size_t, int frame, const Image&, const std::function<const Image*(std::string_view)>& map) override {
     const Image* const values = map(metric_.id);
     if (!values) return;
-    const std::string path = numbered_ ? frame_path(pattern_, frame) : pattern_;
-    if (path.ends_with(".png")) {
+    const std::string path = frame_path(pattern_, frame);
+    if (is_png(path)) {
       write_png(path, *values, {.exposure = 0, .tone_map = ToneMap::kNone});
     } else {
       Frame out(values->width(), values->height());
@@ -137,7 +138,6 @@ class ErrorMaps final : public CompareObserver {
  private:
   std::string pattern_;
   const MetricInfo& metric_;
-  bool numbered_;
 };
 
 /// Passes what it sees on to others.
@@ -197,6 +197,13 @@ void compare(const Flags& flags, const std::stop_token& stop) {
   if (!flags.error_map.empty() && flags.tests.size() > 1) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "--error-map takes one picture or sequence at a time");
   }
+  if (!flags.error_map.empty() && !is_png(flags.error_map) && !has_extension(flags.error_map, ".exr")) {
+    throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
+                fmt::format("--error-map \"{}\" must end in .png or .exr", flags.error_map));
+  }
+  if (flags.reference.empty() && !options.reference2.empty()) {
+    throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "--reference2 needs a first one: --reference");
+  }
   const bool measures = !limits.empty() || !flags.csv.empty() || !flags.json.empty() || !flags.error_map.empty();
   if (flags.reference.empty() && (flags.html.empty() || measures)) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
@@ -233,8 +240,8 @@ void compare(const Flags& flags, const std::stop_token& stop) {
   Observers observers;
   std::optional<ErrorMaps> maps;
   if (!flags.error_map.empty()) {
-    const bool numbered = tests[0].runs[0].frames().size() > 1 || has_frame_pattern(flags.error_map);
-    maps.emplace(flags.error_map, drawn ? *drawn : get_metric("relmse"), numbered);
+    const bool single = tests[0].runs[0].frames().size() == 1;
+    maps.emplace(single ? flags.error_map : numbered_pattern(flags.error_map), drawn ? *drawn : get_metric("relmse"));
     observers.add(*maps);
   }
   if (report) observers.add(*report);
@@ -269,6 +276,7 @@ void add_compare(Program& program) {
        "tempera compare path=out/path/f.####.exr mlt=out/mlt/f.####.exr -r out/ref/f.####.exr --html report.html",
        "tempera compare a.exr --reference ref.exr --threshold flip=0.05 --error-map diff.png",
        "tempera compare 'out/seed*/f.####.exr' -r ref.exr --metrics relmse,bias_squared,variance",
+       "tempera compare out/f.####.exr -r ref/seed1/f.####.exr --reference2 ref/seed2/f.####.exr",
        "tempera compare out/f.####.exr -r ref.####.exr --threshold mean.relmse=0.01,ssim=0.9,flicker=1e-4"},
       [&program, flags] {
         with_threads(flags->threads, [&] { compare(*flags, program.stop); });
@@ -285,12 +293,17 @@ void add_compare(Program& program) {
                    "what they should look like; a single picture serves all frames; only --html can do without")
       ->type_name("REFERENCE");
   command
+      ->add_option(
+          "--reference2", flags->options.reference2,
+          "a second one of another seed: takes the noise of both out of squared metrics, others use their mean")
+      ->type_name("REFERENCE");
+  command
       ->add_option("--metrics", flags->metrics,
                    "what to measure: default, all, and names that tempera list metrics shows [default]")
       ->type_name("A,B,C");
   command->add_option("-f,--frames", flags->frames, "frames to compare [all that both have]")->type_name("SET");
   command->add_option("--layer", flags->options.layer, "layer to compare [color]")->type_name("NAME");
-  command->add_option("--exposure", flags->options.exposure, "stops, for psnr, ssim and flip [0]")
+  command->add_option("--exposure", flags->options.exposure, "stops, for psnr, ssim, flip and flicker_display [0]")
       ->type_name("STOPS")
       ->check(CLI::Range(-64.0, 64.0).description(""));
   command

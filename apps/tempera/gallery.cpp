@@ -134,7 +134,10 @@ void render_gallery_scene(Program& program, RenderGalleryFlags& flags, const Gal
   flags.render.shot.set_shot((folder / choice.shot_file()).string());
   flags.render.shot.preset("output.path", (folder / kind / (stem + ".####.exr")).string());
   const Shot shot = render_shot(program, flags.render);
-  if (flags.render.replay.empty()) std::printf("%s\n", shot.output.c_str());
+  if (!flags.render.replay.empty()) return;
+  const ProgressKind progress = flags.render.progress_kind(program);
+  if (progress != ProgressKind::kJson && progress != ProgressKind::kOpenJd) std::printf("%s\n", shot.output.c_str());
+  hint_at_reconstruction(shot);
 }
 
 void add_run_command(Program& program, CLI::App& gallery) {

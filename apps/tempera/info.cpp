@@ -101,7 +101,7 @@ int info(const ShotFlags& flags, bool json) {
       std::printf("%-14s %s at %g per second\n", "frames", describe_frames(shot->frames).c_str(), s.clock.fps);
       std::printf("%-14s %dx%d, %d samples per pixel, %s(%s)\n", "picture", s.x1() - s.x0(), s.y1() - s.y0(), s.spp,
                   shot->integrator.c_str(), shot->params.canonical().c_str());
-      std::printf("%-14s about %s beside the scene\n", "rendering", mib(memory).c_str());
+      std::printf("%-14s about %s on top of the scene\n", "rendering", mib(memory).c_str());
     }
     for (const std::string& line : unsupported) std::printf("%-14s %s\n", "unsupported", line.c_str());
     return 0;

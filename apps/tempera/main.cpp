@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -63,6 +64,9 @@ namespace {
 
 constexpr const char* kOutOfMemory = "tempera: out of memory\n";
 
+constexpr const char* kOutOfMemoryEvent =
+    "{\"event\":\"error\",\"kind\":\"out_of_memory\",\"message\":\"out of memory\",\"status\":5}\n";
+
 [[noreturn]] void end_of_memory() {
   // Nothing here may allocate.
   [[maybe_unused]] const ssize_t n = write(STDERR_FILENO, kOutOfMemory, std::char_traits<char>::length(kOutOfMemory));
@@ -85,13 +89,86 @@ void on_terminate() {
   std::abort();
 }
 
-int report(const Error& e) {
-  std::string text = format_with_excerpt(e);
-  std::fprintf(stderr, "tempera: %s\n", text.c_str());
+int status_of(const Error& e) {
   if (e.code() == ErrorCode::kCancelled && InterruptGuard::signal() != 0) return 128 + InterruptGuard::signal();
   // A wrong value is the user's fault or the file's, depending on who wrote it.
   const bool typed = e.loc().file == ShotConfig::kCommandLine().file;
   return typed && e.code() != ErrorCode::kMissingFile ? exit_status(ErrorCode::kUsage) : exit_status(e.code());
+}
+
+/// Whether standard output is read by a program that expects events. Asked before the command line is understood, so
+/// that wrong usage is an event, too.
+bool wants_events(const std::vector<std::string>& arguments) {
+  for (std::size_t i = 0; i < arguments.size(); ++i) {
+    if (arguments[i] == "--progress=json") return true;
+    if (arguments[i] == "--progress" && i + 1 < arguments.size() && arguments[i + 1] == "json") return true;
+  }
+  return false;
+}
+
+int report(const Error& e, bool events) {
+  std::string text = format_with_excerpt(e);
+  std::fprintf(stderr, "tempera: %s\n", text.c_str());
+  const int status = status_of(e);
+  if (events) write_error_event(e, status);
+  return status;
+}
+
+/// The commands below `app` that are shown in its help.
+std::vector<std::string> command_names(const CLI::App& app) {
+  std::vector<std::string> names;
+  for (const CLI::App* command : app.get_subcommands(nullptr)) {
+    if (!command->get_group().empty()) names.push_back(command->get_name());
+  }
+  return names;
+}
+
+/// What is wrong with a command line that cannot be parsed, in one line.
+std::string usage_message(const CLI::App& app, const std::vector<std::string>& arguments,
+                          const CLI::ParseError& error) {
+  const CLI::App* command = &app;
+  std::string name = app.get_name();
+  for (std::size_t i = 1; i < arguments.size() && !command->get_subcommands(nullptr).empty(); ++i) {
+    const std::string& word = arguments[i];
+    if (word.starts_with('-')) continue;
+    const auto all = command->get_subcommands(nullptr);
+    const auto found = std::find_if(all.begin(), all.end(), [&](const CLI::App* c) { return c->get_name() == word; });
+    if (found == all.end()) {
+      return fmt::format("unknown command \"{}\" of {}; known: {}", word, name,
+                         nearest_names(word, command_names(*command)));
+    }
+    command = *found;
+    name += " " + word;
+  }
+  std::vector<std::string> flags;
+  for (const CLI::App* level : {command, &app}) {
+    for (const CLI::Option* o : level->get_options()) {
+      for (const std::string& s : o->get_snames()) flags.push_back("-" + s);
+      for (const std::string& l : o->get_lnames()) flags.push_back("--" + l);
+    }
+    if (command == &app) break;
+  }
+  for (const std::string& extra : app.remaining(true)) {
+    if (extra.size() > 1 && extra[0] == '-') {
+      const std::string flag = extra.substr(0, extra.find('='));
+      return fmt::format("unknown flag {} of {}; the nearest known: {}; {} --help shows all", flag, name,
+                         nearest_names(flag, flags, 3), name);
+    }
+  }
+  if (!command_names(*command).empty()) {
+    return fmt::format("{} needs a command; one of: {}", name, fmt::join(command_names(*command), ", "));
+  }
+  std::vector<std::string> positionals;
+  for (const CLI::Option* o : command->get_options()) {
+    if (o->get_positional() && o->nonpositional() == false) positionals.push_back(o->get_type_name());
+  }
+  const std::vector<std::string> remaining = app.remaining(true);
+  if (!remaining.empty()) {
+    return fmt::format(
+        "\"{}\" is one argument too many for {}{}", remaining[0], name,
+        positionals.empty() ? ", which takes none" : fmt::format("; usage: {} {}", name, fmt::join(positionals, " ")));
+  }
+  return fmt::format("{}: {}; {} --help shows the usage", name, error.what(), name);
 }
 
 int main_guarded(int argc, char** argv) {
@@ -99,6 +176,8 @@ int main_guarded(int argc, char** argv) {
   Program program;
   program.arguments.assign(argv, argv + argc);
   program.stop = interrupt.token();
+  const bool events = wants_events(program.arguments);
+  if (events) write_warning_events();
   CLI::App& app = program.app;
   app.name("tempera");
   app.description("A physically based renderer for animation.");
@@ -108,9 +187,9 @@ int main_guarded(int argc, char** argv) {
   app.get_formatter()->column_width(34);
   app.option_defaults()->group("General");
   app.add_flag_callback(
-      "-q,--quiet", [&] { program.verbosity = -1; }, "only warnings and failures are printed");
+      "-q,--quiet", [&] { program.verbosity = -1; }, "print warnings and errors only");
   app.add_flag_callback(
-      "-v,--verbose", [&] { program.verbosity = 1; }, "more is printed");
+      "-v,--verbose", [&] { program.verbosity = 1; }, "print more");
   app.option_defaults()->group("Options");
   app.footer(
       "tempera COMMAND --help explains a command.\n"
@@ -129,8 +208,7 @@ int main_guarded(int argc, char** argv) {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
     if (e.get_exit_code() == 0) return app.exit(e);  // --help, --version
-    std::fprintf(stderr, "tempera: %s\n", e.what());
-    return exit_status(ErrorCode::kUsage);
+    return report(Error(ErrorCode::kUsage, usage_message(app, program.arguments, e)), events);
   }
   set_log_level(program.verbosity < 0   ? LogLevel::kWarning
                 : program.verbosity > 0 ? LogLevel::kDebug
@@ -138,12 +216,12 @@ int main_guarded(int argc, char** argv) {
   try {
     return program.run();
   } catch (const Error& e) {
-    return report(e);
+    return report(e, events);
   } catch (const std::bad_alloc&) {
+    if (events) std::fputs(kOutOfMemoryEvent, stdout), std::fflush(stdout);
     end_of_memory();
   } catch (const std::exception& e) {
-    std::fprintf(stderr, "tempera: %s\n", e.what());
-    return exit_status(ErrorCode::kFailed);
+    return report(Error(ErrorCode::kFailed, e.what()), events);
   }
 }
 

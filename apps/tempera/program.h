@@ -89,6 +89,9 @@ using PrepareRender = std::function<void(const ShotConfig&, Shot&, RenderOptions
 /// Returns the shot; nothing is rendered with --replay.
 Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender& prepare = {});
 
+/// Says how rendered frames become final ones, if they have to.
+void hint_at_reconstruction(const Shot& shot);
+
 /// Writes final frames, and logs what was done. Errors: those of reconstruct.
 void reconstruct_frames(const FrameSequence& input, const std::string& output, const ReconstructOptions& options,
                         StageObserver& progress, std::stop_token stop);

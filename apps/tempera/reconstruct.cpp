@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <deque>
+#include <filesystem>
 
 #include "catalog.h"
 #include "program.h"
@@ -16,7 +17,7 @@ namespace tempera {
 namespace {
 
 struct Flags {
-  std::string in, out, frames, compression = "zip", progress = "auto";
+  std::string in, out, frames, compression = "zip", progress = "auto", aov_names = "tempera";
   ReconstructOptions options;
   int threads = 0;
   struct ParamFlag {
@@ -36,12 +37,25 @@ void run_reconstruct(Program& program, Flags& flags) {
                             ShotConfig::kCommandLine());
   }
   if (!flags.frames.empty()) options.frames = parse_frame_set(flags.frames);
-  options.write.compression = parse_compression(flags.compression);
+  try {
+    options.write.compression = parse_compression(flags.compression);
+    options.write.names = parse_aov_names(flags.aov_names);
+  } catch (const Error& e) {
+    throw Error(e.code(), ShotConfig::kCommandLine(), e.message());
+  }
   options.command = program.command_line();
   const ProgressKind kind = program.progress_kind(flags.progress);
   with_threads(flags.threads, [&] {
     const FrameSequence input(flags.in);
-    reconstruct_frames(input, flags.out, options, *make_stage_progress(kind), program.stop);
+    const std::size_t count = options.frames.empty() ? input.frames().size() : options.frames.size();
+    const std::string name = std::filesystem::path(input.pattern()).filename().string();
+    try {
+      reconstruct_frames(input, output_pattern(flags.out, name, count == 1), options, *make_stage_progress(kind),
+                         program.stop);
+    } catch (const Error& e) {
+      if (e.code() != ErrorCode::kUsage || !e.loc().file.empty()) throw;
+      throw Error(e.code(), ShotConfig::kCommandLine(), e.message());
+    }
   });
 }
 
@@ -49,10 +63,11 @@ void run_reconstruct(Program& program, Flags& flags) {
 
 void reconstruct_frames(const FrameSequence& input, const std::string& output, const ReconstructOptions& options,
                         StageObserver& progress, std::stop_token stop) {
-  log_info(fmt::format("frames {}", describe_frames(options.frames.empty() ? input.frames() : options.frames)));
+  log_info(fmt::format("frames {}, to {}", describe_frames(options.frames.empty() ? input.frames() : options.frames),
+                       output));
   const ReconstructReport report = reconstruct(input, output, options, progress, std::move(stop));
   if (!report.cuts.empty()) log_info(fmt::format("cuts before frames {}", describe_frames(report.cuts)));
-  log_info(fmt::format("{} {} reconstructed, {} found finished, in {:.1f} s", report.frames.size(),
+  log_info(fmt::format("{} {} reconstructed, {} already finished, in {:.1f} s", report.frames.size(),
                        report.frames.size() == 1 ? "frame" : "frames", report.skipped.size(), report.seconds));
 }
 
@@ -67,15 +82,17 @@ void add_reconstruct(Program& program) {
   CLI::App* command = program.add(
       "reconstruct", "Make final frames of what gradient_path and temporal_gradient_path rendered.",
       {"tempera reconstruct out/frame.####.exr -o final/frame.####.exr",
-       "tempera reconstruct out/ -o final/f.####.exr --norm l2 --window 20 --overlap 10 --resume",
-       "tempera reconstruct out/ -o final/f.####.exr --frames 1-24   (one part of many: the same bits as all at once)",
+       "tempera reconstruct out/ -o final/ --norm l2 --window 20 --overlap 10 --resume",
+       "tempera reconstruct out/ -o final/ --frames 1-24   (part of a sequence: the same bits as all at once)",
        "tempera reconstruct still.exr -o final.exr"},
       [&program, flags] {
         run_reconstruct(program, *flags);
         return 0;
       });
-  command->add_option("in", flags->in, "pattern, folder or single file")->required()->type_name("IN");
-  command->add_option("-o,--output", flags->out, "files to write; missing folders are made")
+  command->add_option("in", flags->in, "rendered frames: a folder, a pattern such as out/f.####.exr, or one file")
+      ->required()
+      ->type_name("IN");
+  command->add_option("-o,--output", flags->out, "final frames: a folder, or names such as final/f.####.exr")
       ->required()
       ->type_name("OUT");
   command->add_option("-f,--frames", flags->frames, "frames to write [all]; those around them are read as needed")
@@ -93,6 +110,12 @@ void add_reconstruct(Program& program) {
   }
   command->add_flag("--resume", flags->options.resume, "skip frames that are finished");
   command->add_flag("--half", flags->options.write.half, "16-bit floats for radiance and reflectance layers");
+  command
+      ->add_option("--aov-names", flags->aov_names,
+                   "whose names the layers get in the file: tempera, blender, arnold, renderman, pbrt [tempera]")
+      ->type_name("NAME");
+  command->add_option("--view-layer", flags->options.write.view_layer, "first part of Blender's names [ViewLayer]")
+      ->type_name("NAME");
   command->add_option("--compression", flags->compression, "zip, zips, piz, rle, none or dwaa [zip]")
       ->type_name("NAME");
   command->add_option("--progress", flags->progress, "auto, tty, plain, json, openjd or none [auto]")

@@ -3,6 +3,7 @@
 
 #include <charconv>
 #include <cstdio>
+#include <filesystem>
 #include <limits>
 
 #include "program.h"
@@ -12,6 +13,7 @@
 #include "tempera/pipeline/memory.h"
 #include "tempera/pipeline/progress.h"
 #include "tempera/pipeline/tev.h"
+#include "tempera/stages/reconstruct.h"
 
 namespace tempera {
 
@@ -85,6 +87,14 @@ void RenderFlags::add_overrides_to(CLI::App& command) {
   add_render_options(command, *this);
 }
 
+void hint_at_reconstruction(const Shot& shot) {
+  if (!has_differences(find_integrator(shot.integrator).make(shot.params)->outputs(shot.settings))) return;
+  log_info(
+      fmt::format("these frames are noisy pictures with differences; to make final frames of them: tempera "
+                  "reconstruct {} -o {} (tempera run does both)",
+                  shot.output, (std::filesystem::path(shot.output).parent_path() / "final").string()));
+}
+
 Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender& prepare) {
   const ShotConfig config = flags.shot.config();
   const ProgressKind kind = flags.progress_kind(program);
@@ -113,18 +123,18 @@ Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender
     if (shot.output.empty()) {
       throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "no output is named; add -o out/frame.####.exr");
     }
+    const auto layers = find_integrator(shot.integrator).make(shot.params)->outputs(shot.settings);
+    check_shot_encoding(config, layers, shot.write);
     if (!flags.tev.empty()) tev = make_tev_display(parse_tev_address(flags.tev), shot.source.stem().string());
-    log_info(fmt::format("frames {}", describe_frames(shot.frames)));
-    if (shot.write.names != AovNames::kTempera) {
-      const auto layers = find_integrator(shot.integrator).make(shot.params)->outputs(shot.settings);
-      log_info(describe_aov_names(layers, shot.write.names));
-    }
+    log_info(fmt::format("frames {}, to {}", describe_frames(shot.frames), shot.output));
+    if (shot.write.names != AovNames::kTempera)
+      log_info(describe_aov_names(layers, shot.write.names, shot.write.view_layer));
     const std::unique_ptr<RenderObserver> progress = make_progress(kind, flags.step);
     std::vector<RenderObserver*> observers{progress.get()};
     if (tev) observers.push_back(tev.get());
     const RenderReport report = render_sequence(shot, loaded.scene, options, observers, program.stop);
     const std::size_t done = report.frames.size();
-    log_info(fmt::format("{} {} rendered, {} found finished, in {:.1f} s", done, done == 1 ? "frame" : "frames",
+    log_info(fmt::format("{} {} rendered, {} already finished, in {:.1f} s", done, done == 1 ? "frame" : "frames",
                          report.skipped.size(), report.seconds));
   });
   return shot;
@@ -132,16 +142,17 @@ Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender
 
 void add_render(Program& program) {
   auto flags = std::make_shared<RenderFlags>();
-  CLI::App* command =
-      program.add("render", "Render frames to multi-layer EXR files.",
-                  {"tempera render scene.xml -o out/frame.####.exr --spp 256",
-                   "tempera render shot.toml --frames 1-24 --resume --layers motion,albedo,normal",
-                   "tempera render robot.glb -o out/r.exr --camera Main --shutter -0.25,0.25 --resolution 1920x1080",
-                   "tempera render shot.toml --decompose \"direct=ED;indirect=ED.+\" --tev 127.0.0.1:14158"},
-                  [&program, flags] {
-                    render_shot(program, *flags);
-                    return 0;
-                  });
+  CLI::App* command = program.add(
+      "render", "Render frames to multi-layer EXR files.",
+      {"tempera render scene.xml -o out/frame.####.exr --spp 256",
+       "tempera render shot.toml --frames 1-24 --resume --layers motion,albedo,normal",
+       "tempera render robot.glb -o out/r.####.exr --camera Main --shutter -0.25,0.25 --resolution 1920x1080",
+       "tempera render shot.toml --decompose \"direct=ED;indirect=ED.+\" --tev 127.0.0.1:14158"},
+      [&program, flags] {
+        const Shot shot = render_shot(program, *flags);
+        if (flags->replay.empty()) hint_at_reconstruction(shot);
+        return 0;
+      });
   flags->add_to(*command);
 }
 

@@ -48,7 +48,7 @@ void make_movie_of(const Program& program, const RunPlan& plan, const FrameSeque
   VideoOptions options = plan.render.video;
   options.comment = movie_identity(frames, options);
   if (resume && video_has_comment(plan.video_path, options.comment)) {
-    log_info(fmt::format("{} found finished", plan.video_path));
+    log_info(fmt::format("{} is already finished", plan.video_path));
     return;
   }
   try {
@@ -56,7 +56,7 @@ void make_movie_of(const Program& program, const RunPlan& plan, const FrameSeque
   } catch (const Error& e) {
     throw Error(
         e.code(), e.loc(),
-        fmt::format("{}; the frames are finished: {}; --resume makes what is missing", e.message(), plan.output));
+        fmt::format("{}; the frames are finished: {}; --resume makes only the movie", e.message(), plan.output));
   }
 }
 
@@ -74,14 +74,15 @@ void run_shot(Program& program, RunFlags& flags) {
   render_shot(program, flags.render, [&](const ShotConfig& config, Shot& shot, RenderOptions& options) {
     plan = plan_run(config, shot, !flags.no_video);
     shot = plan.render;
-    options.reuse = plan.beside;
+    options.reuse = plan.neighbors;
     if (!flags.render.replay.empty()) return;
     check_writable(plan);
     steps = steps_of(plan);
     flags.render.step = steps[0];
     announce_step(kind, steps[0]);
-    if (plan.beside.empty()) return;
-    log_info(fmt::format("frames {} are not asked for, but read by the reconstruction", describe_frames(plan.beside)));
+    if (plan.neighbors.empty()) return;
+    log_info(fmt::format("frames {} are rendered as well, because the reconstruction needs them",
+                         describe_frames(plan.neighbors)));
   });
   if (!flags.render.replay.empty()) return;
   finished(plan.render.output);
@@ -96,15 +97,13 @@ void run_shot(Program& program, RunFlags& flags) {
                                  .resume = flags.render.resume,
                                  .write = plan.render.final_write,
                                  .command = program.command_line()};
-      reconstruct_frames(FrameSequence(plan.render.output), plan.output, options, *make_stage_progress(kind, step),
-                         program.stop);
+      reconstruct_frames(FrameSequence(plan.render.output, plan.render.frames), plan.output, options,
+                         *make_stage_progress(kind, step), program.stop);
       finished(plan.output);
     }
     if (!plan.video_path.empty()) {
       announce_step(kind, steps[results.size()]);
-      FrameSequence frames(plan.output);
-      frames.keep(plan.frames);
-      make_movie_of(program, plan, frames, flags.render.resume);
+      make_movie_of(program, plan, FrameSequence(plan.output, plan.frames), flags.render.resume);
       finished(plan.video_path);
     }
   });

@@ -37,6 +37,10 @@ void add_video(Program& program) {
                    "tempera video out/frame.####.exr normals.mp4 --layer normal --tone-map none"},
                   [&program, flags] {
                     flags->options.display.tone_map = parse_tone_map(flags->tone_map);
+                    if (!flags->contact_sheet.empty() && !has_extension(flags->contact_sheet, ".png")) {
+                      throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
+                                  fmt::format("--contact-sheet \"{}\" must end in .png", flags->contact_sheet));
+                    }
                     const FrameSequence frames(flags->in);
                     with_threads(0, [&] { make_movie(program, frames, flags->out, flags->options); });
                     if (!flags->contact_sheet.empty()) {

@@ -141,6 +141,27 @@ TEST_F(CliCompare, WhatCannotBeMeasured) {
   EXPECT_EQ(compare({"@nobody*"}).status, 4);
 }
 
+TEST_F(CliCompare, ASecondReferenceTakesItsNoiseOut) {
+  write("r1", 0.1f, 21), write("r2", 0.1f, 22);
+  const auto relmse = [&](const std::vector<std::string>& references) {
+    std::vector<std::string> arguments{"compare", path("a/f.####.exr"), "--metrics", "relmse,flicker_display",
+                                       "--json",  path("m.json")};
+    arguments.insert(arguments.end(), references.begin(), references.end());
+    const Outcome o = run(arguments);
+    EXPECT_EQ(o.status, 0) << o.err;
+    return nlohmann::json::parse(text_of(path("m.json"))).at("sides")[0].at("mean").at("relmse").get<double>();
+  };
+  const std::string r = path("r/f.####.exr"), r1 = path("r1/f.####.exr"), r2 = path("r2/f.####.exr");
+  const double exact = relmse({"-r", r}), one = relmse({"-r", r1}), two = relmse({"-r", r1, "--reference2", r2});
+  EXPECT_GT(one, 3 * exact);
+  EXPECT_NEAR(two / exact, 1, 0.35);
+  EXPECT_EQ(run({"compare", r, "--reference2", r1}).status, 2);
+  const Outcome same = run({"compare", r, "-r", r1, "--reference2", r1});
+  EXPECT_EQ(same.status, 3);
+  EXPECT_NE(same.err.find("is the first one again"), std::string::npos) << same.err;
+  EXPECT_EQ(run({"compare", r, "-r", r1, "--reference2", path("nobody/f.####.exr")}).status, 4);
+}
+
 TEST_F(CliCompare, ListsItsMetrics) {
   const Outcome o = run({"list", "metrics", "--json"});
   ASSERT_EQ(o.status, 0);

@@ -51,7 +51,7 @@ TEST_F(GalleryCommand, ReferencesContinue) {
   const Outcome first = gallery(arguments), second = gallery(arguments);
   ASSERT_EQ(first.status, 0) << first.err;
   ASSERT_EQ(second.status, 0) << second.err;
-  EXPECT_NE(second.err.find("0 frames rendered, 2 found finished"), std::string::npos) << second.err;
+  EXPECT_NE(second.err.find("0 frames rendered, 2 already finished"), std::string::npos) << second.err;
   const Frame frame = read_frame(path("g/cornell-motion/reference/cornell-motion.0003.exr"));
   EXPECT_NE(frame.find("color.var"), nullptr);
   EXPECT_NE(frame.find("motion.backward"), nullptr);

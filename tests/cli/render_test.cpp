@@ -59,11 +59,11 @@ TEST_F(CliRender, SameBitsForAnyThreadsAndSplit) {
 TEST_F(CliRender, ResumeSkipsAndTellsWhyNot) {
   ASSERT_EQ(render("a", {"--frames", "1-3", "--spp", "2"}).status, 0);
   EXPECT_NE(render("a", {"--frames", "1-3", "--spp", "2", "--resume", "--threads", "1"})
-                .err.find("0 frames rendered, 3 found finished"),
+                .err.find("0 frames rendered, 3 already finished"),
             std::string::npos);
   fs::resize_file(frame("a", 2), fs::file_size(frame("a", 2)) * 2 / 3);
   const Outcome repaired = render("a", {"--frames", "1-3", "--spp", "2", "--resume"});
-  EXPECT_NE(repaired.err.find("1 frame rendered, 2 found finished"), std::string::npos) << repaired.err;
+  EXPECT_NE(repaired.err.find("1 frame rendered, 2 already finished"), std::string::npos) << repaired.err;
   EXPECT_NE(repaired.err.find("frame 2: rendering again"), std::string::npos) << repaired.err;
   const Outcome more = render("a", {"--frames", "1-3", "--spp", "3", "--resume"});
   EXPECT_NE(more.err.find("spp was 2, now 3"), std::string::npos) << more.err;
@@ -236,7 +236,7 @@ TEST_F(CliRender, FlagsAndKeysSayTheSame) {
   ASSERT_EQ(o.status, 0) << o.err;
   expect_same("a", "b", 2, 2);
   const Outcome resumed = run({"render", shot, "-o", path("b/f.####.exr"), "--resume"});
-  EXPECT_NE(resumed.err.find("0 frames rendered, 1 found finished"), std::string::npos)
+  EXPECT_NE(resumed.err.find("0 frames rendered, 1 already finished"), std::string::npos)
       << "the fingerprints agree: " << resumed.err;
 }
 
@@ -272,7 +272,7 @@ TEST_F(CliRender, RunMakesTheMovie) {
   }
   ASSERT_EQ(o.status, 0) << o.err;
   EXPECT_GT(fs::file_size(path("m.mp4")), 500u);
-  EXPECT_NE(run({"run", shot, "--resolution", "64x48", "--spp", "1", "--resume"}).err.find("3 found finished"),
+  EXPECT_NE(run({"run", shot, "--resolution", "64x48", "--spp", "1", "--resume"}).err.find("3 already finished"),
             std::string::npos);
   EXPECT_EQ(run({"video", path("f.####.exr"), path("n.mp4"), "--fps", "12", "--layer", "color", "--contact-sheet",
                  path("s.png")})

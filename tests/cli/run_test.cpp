@@ -79,8 +79,8 @@ TEST_F(CliRun, LeavesFinalFramesAndAMovieAndHasNothingToDoTheSecondTime) {
   const auto before = contents("a");
   const Outcome again = run_to("a", {"--resume"});
   EXPECT_EQ(again.status, 0) << again.err;
-  for (const char* says :
-       {"0 frames rendered, 12 found", "0 frames reconstructed, 12 found", "dance.mp4 found finished"}) {
+  for (const char* says : {"0 frames rendered, 12 already finished", "0 frames reconstructed, 12 already finished",
+                           "dance.mp4 is already finished"}) {
     EXPECT_NE(again.err.find(says), std::string::npos) << says << '\n' << again.err;
   }
   EXPECT_EQ(contents("a"), before);
@@ -100,7 +100,7 @@ TEST_F(CliRun, PartsGiveTheBitsOfTheWhole) {
   // Parts on machines of their own: each renders what its windows reach.
   const Outcome first = run_to("one", {"--frames", "1-5", "--no-video", "--threads", "1"});
   ASSERT_EQ(first.status, 0) << first.err;
-  EXPECT_NE(first.err.find("frames 6-7 (2 frames) are not asked for"), std::string::npos) << first.err;
+  EXPECT_NE(first.err.find("frames 6-7 (2 frames) are rendered as well"), std::string::npos) << first.err;
   ASSERT_EQ(run_to("two", {"--frames", "6-12", "--no-video", "--threads", "2"}).status, 0);
   EXPECT_FALSE(fs::exists(rendered("two", 3)));
   EXPECT_TRUE(fs::exists(rendered("two", 4)) && !fs::exists(final_frame("two", 5)));
@@ -111,7 +111,7 @@ TEST_F(CliRun, PartsGiveTheBitsOfTheWhole) {
   const auto part = [&](const char* frames) { return run_to("shared", {"--frames", frames, "--no-video"}); };
   ASSERT_EQ(part("1-5").status, 0);
   const Outcome last = part("8-12");
-  EXPECT_NE(last.err.find("5 frames rendered, 2 found finished"), std::string::npos) << last.err;
+  EXPECT_NE(last.err.find("5 frames rendered, 2 already finished"), std::string::npos) << last.err;
   ASSERT_EQ(part("6-7").status, 0);
   expect_same_result("whole", "shared");
 

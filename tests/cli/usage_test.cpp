@@ -78,6 +78,45 @@ TEST(Cli, UnknownNamesComeWithTheNearestKnown) {
   EXPECT_NE(run({"render", kScene, "-o", "x.exr", "--layers", "albdo"}).err.find("albedo"), std::string::npos);
 }
 
+TEST(Cli, UnknownCommandsFlagsAndArgumentsAreNamed) {
+  struct Case {
+    std::vector<std::string> arguments;
+    const char* says;
+  };
+  for (const Case& c : {
+           Case{{"denoise", "x.exr"}, "unknown command \"denoise\" of tempera; known: "},
+           Case{{"rendr", "x.xml"}, "unknown command \"rendr\" of tempera; known: render, "},
+           Case{{"-q", "vidoe"}, "unknown command \"vidoe\" of tempera; known: video, "},
+           Case{{"gallery", "rnu", "x"}, "unknown command \"rnu\" of tempera gallery; known: run, "},
+           Case{{}, "tempera needs a command; one of: render, run, info"},
+           Case{{"gallery"}, "tempera gallery needs a command; one of: list, make, run, reference"},
+           Case{{"render", kScene, "--resolutoin", "8x8"},
+                "unknown flag --resolutoin of tempera render; the nearest known: --resolution"},
+           Case{{"render", "--resoluton=8x8"},
+                "unknown flag --resoluton of tempera render; the nearest known: --resolution"},
+           Case{{"compare", "a.exr", "--referense", "b.exr"},
+                "unknown flag --referense of tempera compare; the nearest known: --reference"},
+           Case{{"gallery", "run", "x", "--sp", "3"},
+                "unknown flag --sp of tempera gallery run; the nearest known: --spp"},
+           Case{{"render", kScene, "b.xml"},
+                "\"b.xml\" is one argument too many for tempera render; usage: tempera render SHOT"},
+           Case{{"run", kScene, "b.xml", "c.xml"}, "\"b.xml\" is one argument too many for tempera run"},
+           Case{{"video", "a", "b.mp4", "c"},
+                "\"c\" is one argument too many for tempera video; usage: tempera video IN OUT"},
+           Case{{"list", "layers", "bsdfs"}, "\"bsdfs\" is one argument too many for tempera list"},
+           Case{{"gallery", "list", "x"}, "\"x\" is one argument too many for tempera gallery list, which takes none"},
+           Case{{"render"}, "tempera render: "},
+           Case{{"video", "a"}, "tempera video: "},
+           Case{{"reconstruct", "a"}, "tempera reconstruct: "},
+           Case{{"render", kScene, "--threads", "many"}, "tempera render: "},
+       }) {
+    const Outcome o = run(c.arguments);
+    EXPECT_EQ(o.status, 2);
+    EXPECT_EQ(o.err.rfind(std::string("tempera: ") + c.says, 0), 0u) << o.err;
+    EXPECT_EQ(std::count(o.err.begin(), o.err.end(), '\n'), 1) << o.err;
+  }
+}
+
 using CliFiles = CliTest;
 
 TEST_F(CliFiles, MalformedInputIsStatusThreeWithItsPlace) {

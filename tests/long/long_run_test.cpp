@@ -89,7 +89,7 @@ TEST_F(LongRun, TwoHundredAndFortyFramesSurviveBeingKilledInLittleMemory) {
   report("killed in reconstruction");
   const Outcome resumed = run(arguments("killed"));
   ASSERT_EQ(resumed.status, 0) << resumed.err;
-  EXPECT_NE(resumed.err.find("0 frames rendered, 240 found finished"), std::string::npos);
+  EXPECT_NE(resumed.err.find("0 frames rendered, 240 already finished"), std::string::npos);
   report("resumed");
   for (int f = 0; f < kFrames; ++f) {
     EXPECT_TRUE(SamePixels(rendered("whole", f).string(), rendered("killed", f).string()));

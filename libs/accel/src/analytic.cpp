@@ -21,14 +21,14 @@ std::optional<UnitHit> intersect(Kind kind, const Vec3d& o, const Vec3d& d, doub
   }
   const bool sphere = kind == Kind::kSphere;
   const double a = d.x * d.x + d.y * d.y + (sphere ? d.z * d.z : 0);
-  const double b = o.x * d.x + o.y * d.y + (sphere ? o.z * d.z : 0);
-  const double c = o.x * o.x + o.y * o.y + (sphere ? o.z * o.z : 0) - 1;
-  const double discriminant = b * b - a * c;
-  if (!(discriminant >= 0) || a == 0) return std::nullopt;
-  const double q = -(b + std::copysign(std::sqrt(discriminant), b));
-  double t0 = q / a, t1 = q != 0 ? c / q : t0;
-  if (t0 > t1) std::swap(t0, t1);
-  for (const double t : {t0, t1}) {
+  if (!(a > 0)) return std::nullopt;
+  // From where the ray is closest to the axis or center: its origin may be millions of radii away where a shape is flat.
+  const double closest = -(o.x * d.x + o.y * d.y + (sphere ? o.z * d.z : 0)) / a;
+  const Vec3d c = o + d * closest;
+  const double half2 = (1 - (c.x * c.x + c.y * c.y + (sphere ? c.z * c.z : 0))) / a;
+  if (!(half2 >= 0)) return std::nullopt;
+  const double half = std::sqrt(half2);
+  for (const double t : {closest - half, closest + half}) {
     if (!(t > tmin && t < tmax)) continue;
     const Vec3d p = o + d * t;
     if (sphere) return UnitHit{t, turn(p.y, p.x), float(std::acos(std::clamp(p.z, -1.0, 1.0)) / kPiD)};

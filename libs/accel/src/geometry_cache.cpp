@@ -6,6 +6,7 @@
 #include <cstring>
 #include <set>
 
+#include "motion.h"
 #include "tempera/core/error.h"
 
 namespace tempera {
@@ -33,18 +34,24 @@ AnalyticShape as_analytic(const Shape& s) {
 
 void analytic_bounds(const RTCBoundsFunctionArguments* args) {
   const auto& placed = *static_cast<const PlacedShape*>(args->geometryUserPtr);
-  const Bounds3f unit = analytic::unit_bounds(placed.analytic.kind);
-  Bounds3f b;
-  for (int i = 0; i < 8; ++i) {
-    b.extend(placed.analytic.object_from_unit.point(
-        {i & 1 ? unit.hi.x : unit.lo.x, i & 2 ? unit.hi.y : unit.lo.y, i & 4 ? unit.hi.z : unit.lo.z}));
+  Bounds3f b = placed.moving.bounds;
+  if (!placed.moving.world) {
+    const Bounds3f unit = analytic::unit_bounds(placed.analytic.kind);
+    for (int i = 0; i < 8; ++i) {
+      b.extend(placed.analytic.object_from_unit.point(
+          {i & 1 ? unit.hi.x : unit.lo.x, i & 2 ? unit.hi.y : unit.lo.y, i & 4 ? unit.hi.z : unit.lo.z}));
+    }
   }
   const float pad = 1e-6f * (b.radius() + length(b.center()));  // flat boxes must survive rounding
   *args->bounds_o = {b.lo.x - pad, b.lo.y - pad, b.lo.z - pad, 0, b.hi.x + pad, b.hi.y + pad, b.hi.z + pad, 0};
 }
 
 std::optional<analytic::UnitHit> intersect_analytic(const PlacedShape& placed, const RTCRay& ray) {
-  const Affine3d unit_from_object(placed.unit_from_object);
+  Affine3d unit_from_object(placed.unit_from_object);
+  if (const auto& moving = placed.moving; moving.world) {
+    const Affine3f world = moving.world(moving.begin + double(ray.time) * moving.duration);
+    unit_from_object = inverse(make_invertible(Affine3d(world * placed.analytic.object_from_unit)));
+  }
   return analytic::intersect(placed.analytic.kind, unit_from_object.point({ray.org_x, ray.org_y, ray.org_z}),
                              unit_from_object.vector({ray.dir_x, ray.dir_y, ray.dir_z}), ray.tnear, ray.tfar);
 }
@@ -129,7 +136,9 @@ void GeometryCache::Impl::add_geometry(RTCScene target, const PlacedShape& sourc
     rtcSetGeometryBuildQuality(g, quality);
   } else {
     g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
-    rtcSetGeometryUserPrimitiveCount(g, 1);
+    const Affine3f& m = source.analytic.object_from_unit;
+    const bool finite = is_finite(m.x) && is_finite(m.y) && is_finite(m.z) && is_finite(m.translation);
+    rtcSetGeometryUserPrimitiveCount(g, finite ? 1 : 0);
     rtcSetGeometryUserData(g, const_cast<PlacedShape*>(&source));
     rtcSetGeometryBoundsFunction(
         g, [](const RTCBoundsFunctionArguments* a) { analytic_bounds(a); }, nullptr);
@@ -154,9 +163,8 @@ KnotVertices fixed_vertices(const Mesh& mesh, const Affine3d& map, std::uint64_t
   }
   k.own_positions.reserve(mesh.positions.size() + 2);
   for (const Vec3f& p : mesh.positions) k.own_positions.push_back(Vec3f(map.point(Vec3d(p))));
-  const Affine3d inv = inverse(map);
   k.own_normals.reserve(mesh.normals.size());
-  for (const Vec3f& n : mesh.normals) k.own_normals.push_back(normalize(Vec3f(inv.transposed_vector(Vec3d(n)))));
+  for (const Vec3f& n : mesh.normals) k.own_normals.push_back(Vec3f(transform_normal(map, Vec3d(n))));
   k.positions = k.own_positions.data();
   k.normals = mesh.normals.empty() ? nullptr : k.own_normals.data();
   bytes += (k.own_positions.capacity() + k.own_normals.capacity()) * sizeof(Vec3f);
@@ -173,12 +181,10 @@ PlacedShape place(const Scene& scene, std::uint32_t instance, std::uint32_t shap
   p.mesh = as_mesh(scene.shapes[shape]);
   if (!p.mesh) {
     p.analytic = as_analytic(scene.shapes[shape]);
-    const Affine3d object_from_unit = map * Affine3d(p.analytic.object_from_unit);
+    const Affine3d object_from_unit = make_invertible(map * Affine3d(p.analytic.object_from_unit));
     p.analytic.object_from_unit = Affine3f(object_from_unit);
     p.unit_from_object = Affine3f(inverse(object_from_unit));
-  } else if (placement == Placement::kDeforming) {
-    p.mirrored = scene.world(scene.instances[instance].node, 0).determinant() < 0;
-  } else {
+  } else if (placement != Placement::kDeforming) {
     p.mirrored = map.determinant() < 0;
     p.knots.push_back(fixed_vertices(*p.mesh, map, bytes));
   }

@@ -4,6 +4,7 @@
 #include <embree3/rtcore.h>
 
 #include <atomic>
+#include <functional>
 #include <map>
 #include <memory>
 #include <utility>
@@ -43,12 +44,18 @@ struct PlacedShape {
   AnalyticShape analytic{};    // object_from_unit already in the frame that Embree sees
   Affine3f unit_from_object;
   bool tangents = true;              // the material needs them
-  bool mirrored = false;             // vertices were moved by a mirroring map: winding shows the back
-  std::vector<KnotVertices> knots;   // 1 for non-deforming meshes
-  std::int64_t first_knot = 0;       // of `knots`, deforming only
-  std::vector<MeshPose> poses;       // deforming: at every knot of the evaluation span
-  std::vector<Affine3f> pose_world;  // world of the instance's node at those knots
-  std::int64_t first_pose = 0;
+  bool mirrored = false;            // vertices were moved by a mirroring map: winding shows the back
+  bool mirroring_changes = false;   // deforming: over the evaluation span
+  std::vector<KnotVertices> knots;  // 1 for non-deforming meshes
+  std::size_t first_knot = 0;       // of `knots` among the poses, deforming only
+  std::vector<MeshPose> poses;      // deforming: at every knot of the evaluation span
+
+  /// An analytic shape whose motion Embree cannot follow as that of an instance: intersected in the world.
+  struct Moving {
+    std::function<Affine3f(double t)> world;  // empty: not such a shape
+    double begin = 0, duration = 0;           // seconds: what Embree's times 0 and 1 stand for
+    Bounds3f bounds;                          // over the whole of that
+  } moving;
 };
 
 /// Owner of an RTCScene.

@@ -11,20 +11,18 @@
 
 namespace tempera {
 
-constexpr std::int64_t kMaxSegments = 128;  // Embree: at most 129 time steps per geometry
-
 struct RayScene::Impl {
   const Scene* scene = nullptr;
   GeometryCache::Impl* cache = nullptr;
-  TimeSpan rays, evaluation;
-  MotionGrid grid;
-  std::int64_t first_knot = 0, last_knot = 0;  // of the ray span
+  TimeSpan rays;
+  MotionPieces pieces;                         // of the evaluation span
+  std::size_t first_knot = 0, last_knot = 0;   // of the ray span, among those of `pieces`
   double ray_begin = 0, ray_scale = 0;         // Embree's time = (t - ray_begin) * ray_scale
+  float largest_inverse = 1;                   // by which an instance may scale up a ray, at most
   RTCScene top = nullptr;                      // own_top, or the static scene itself
   EmbreeScene own_top;
   bool top_is_static = false;
   Bounds3f bounds;
-  float resampling_error = 0;
   std::uint64_t vertex_bytes = 0;
 
   /// What an Embree id of the top scene stands for.
@@ -35,10 +33,9 @@ struct RayScene::Impl {
   };
   std::vector<TopEntry> top_entries;
 
-  /// Instanced motion: knots over the evaluation span, or one constant map.
+  /// Instanced motion: at the knots of the evaluation span, or one constant map.
   struct InstanceMotion {
     bool moves = false;
-    std::int64_t first = 0;
     std::vector<AffineKnot> knots;
     Affine3f world;
   };
@@ -46,20 +43,37 @@ struct RayScene::Impl {
   std::vector<std::unique_ptr<PlacedShape>> deforming;  // own copies with this span's vertices
   std::vector<const PlacedShape*> placed;               // like cache->placed, deforming ones replaced
 
-  std::vector<const PlacedShape*> only;  // by instance: its one shape, or null for groups of several
+  std::vector<const PlacedShape*> single_shape;  // by instance: its one shape, or null for groups of several
 
   const PlacedShape& find(std::uint32_t instance, std::uint32_t shape) const {
-    if (const PlacedShape* p = only[instance]) return *p;
+    if (const PlacedShape* p = single_shape[instance]) return *p;
     const auto& group = scene->groups[std::size_t(scene->instances[instance].group)];
     std::size_t i = cache->first_placed[instance];
     for (std::size_t k = 0; std::uint32_t(group[k]) != shape; ++k) ++i;
     return *placed[i];
   }
-  float embree_time(double t) const { return float(std::clamp((t - ray_begin) * ray_scale, 0.0, 1.0)); }
+  float embree_time(double t) const {
+    TEMPERA_ASSERT(t >= rays.begin - time_rounding() && t <= rays.end + time_rounding());
+    return float(std::clamp((t - ray_begin) * ray_scale, 0.0, 1.0));
+  }
+  struct Position {
+    std::size_t knot = 0;
+    float blend = 0;
+  };
+  Position locate(double t) const {
+    const MotionPieces::Position at = pieces.locate(t);
+    return {at.knot, float(at.blend)};
+  }
+  double time_rounding() const { return 1e-9 * pieces.grid().step; }
 
   void build_motions();
+  std::span<const AffineKnot> ray_knots(const InstanceMotion& m) const {
+    return {m.knots.data() + first_knot, last_knot - first_knot + 1};
+  }
   void build_deforming(PlacedShape& shape);
-  void measure_error(const PlacedShape& shape);
+  void attach(std::uint32_t instance);
+  void attach_own(std::uint32_t instance, std::size_t slot, std::uint32_t shape, bool visible, Placement placement);
+  void attach_instance(std::uint32_t instance);
   Affine3f world(std::uint32_t instance, double t) const;
   struct Triangle {
     Vec3f p[3], n[3];
@@ -68,52 +82,50 @@ struct RayScene::Impl {
   /// Vertices of a mesh's triangle at time t in the frame that Embree sees (world, or object for instanced ones).
   Triangle triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
   Triangle blended_triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
-  Triangle knot_triangle(const PlacedShape& placed, std::uint32_t primitive, std::int64_t knot) const;
+  Triangle knot_triangle(const PlacedShape& placed, std::uint32_t primitive, std::size_t knot) const;
+  /// Position of a point of an instanced shape in the instance's space.
+  Vec3f object_position(const PlacedShape& placed, const SurfacePoint& point) const;
+  /// Whether the triangles of a mesh show their backs at time t, because its place is mirrored.
+  bool mirrored(const PlacedShape& placed, double t) const;
 };
 
 void RayScene::Impl::build_motions() {
   motions.resize(scene->instances.size());
-  const std::int64_t e0 = grid.first(evaluation), e1 = grid.last(evaluation);
+  const auto& knots = pieces.knots();
+  const TimeSpan evaluation{knots.front().time, knots.back().time};
+  std::vector<Affine3d> worlds(knots.size());
   for (std::size_t i = 0; i < motions.size(); ++i) {
-    const Instance& instance = scene->instances[i];
+    const int node = scene->instances[i].node;
     InstanceMotion& m = motions[i];
-    m.world = Affine3f(scene->world(instance.node, grid.time(first_knot)));
-    m.moves = scene->moves(instance.node, {grid.time(e0), grid.time(e1)});
+    const auto world = [&](std::size_t k) { return scene->world(node, knots[k].time, knots[k].piece); };
+    m.world = Affine3f(world(first_knot));
+    m.moves = scene->moves(node, evaluation);
     if (!m.moves) continue;
-    m.first = e0;
-    for (std::int64_t k = e0; k <= e1; ++k) {
-      m.knots.push_back(decompose(scene->world(instance.node, grid.time(k))));
-      if (k > e0) {  // neighbours in one hemisphere: slerp then takes the short way everywhere
-        Quatf& q = m.knots.back().q;
-        if (dot(q, m.knots[m.knots.size() - 2].q) < 0) q = -q;
-      }
-    }
+    for (std::size_t k = 0; k < knots.size(); ++k) worlds[k] = world(k);
+    m.knots = decompose(worlds);
   }
 }
 
 Affine3f RayScene::Impl::world(std::uint32_t instance, double t) const {
   const InstanceMotion& m = motions[instance];
   if (!m.moves) return m.world;
-  const auto [knot, blend] = grid.locate(t);
-  const std::int64_t i = std::clamp<std::int64_t>(knot - m.first, 0, std::int64_t(m.knots.size()) - 1);
-  if (blend == 0 || i + 1 >= std::int64_t(m.knots.size())) return compose(m.knots[std::size_t(i)]);
-  return interpolate(m.knots[std::size_t(i)], m.knots[std::size_t(i) + 1], blend);
+  const auto [knot, blend] = locate(t);
+  return blend == 0 ? compose(m.knots[knot]) : interpolate(m.knots[knot], m.knots[knot + 1], blend);
 }
 
 void RayScene::Impl::build_deforming(PlacedShape& placed_shape) {
   const Mesh& mesh = *placed_shape.mesh;
   const int node = scene->instances[placed_shape.instance].node;
-  const std::int64_t e0 = grid.first(evaluation), e1 = grid.last(evaluation);
-  placed_shape.first_pose = e0;
-  placed_shape.first_knot = first_knot;
-  for (std::int64_t k = e0; k <= e1; ++k) {
-    placed_shape.poses.push_back(mesh_pose(*scene, mesh, node, grid.time(k)));
-    placed_shape.pose_world.emplace_back(scene->world(node, grid.time(k)));
+  for (const MotionPieces::Knot& k : pieces.knots()) {
+    placed_shape.poses.push_back(mesh_pose(*scene, mesh, node, k.time, k.piece));
   }
-  for (std::int64_t k = first_knot; k <= last_knot; ++k) {
-    const MeshPose& pose = placed_shape.poses[std::size_t(k - e0)];
-    const Affine3f world = placed_shape.pose_world[std::size_t(k - e0)];
-    const Affine3f inv = inverse(world);
+  placed_shape.mirrored = placed_shape.poses[first_knot].world.determinant() < 0;
+  for (const MeshPose& pose : placed_shape.poses) {
+    placed_shape.mirroring_changes |= (pose.world.determinant() < 0) != placed_shape.mirrored;
+  }
+  placed_shape.first_knot = first_knot;
+  for (std::size_t k = first_knot; k <= last_knot; ++k) {
+    const MeshPose& pose = placed_shape.poses[k];
     KnotVertices v;
     v.own_positions.reserve(mesh.positions.size() + 2);
     v.own_positions.resize(mesh.positions.size());
@@ -122,10 +134,8 @@ void RayScene::Impl::build_deforming(PlacedShape& placed_shape) {
     const auto n = std::int64_t(mesh.positions.size());
     parallel_for(0, (n + kBlock - 1) / kBlock, [&](std::int64_t block) {
       for (std::int64_t i = block * kBlock; i < std::min(n, (block + 1) * kBlock); ++i) {
-        v.own_positions[std::size_t(i)] = world.point(posed_position(mesh, pose, std::uint32_t(i)));
-        if (!mesh.normals.empty()) {
-          v.own_normals[std::size_t(i)] = normalize(inv.transposed_vector(posed_normal(mesh, pose, std::uint32_t(i))));
-        }
+        v.own_positions[std::size_t(i)] = posed_position(mesh, pose, std::uint32_t(i));
+        if (!mesh.normals.empty()) v.own_normals[std::size_t(i)] = posed_normal(mesh, pose, std::uint32_t(i));
       }
     });
     vertex_bytes += (v.own_positions.capacity() + v.own_normals.capacity()) * sizeof(Vec3f);
@@ -137,22 +147,20 @@ void RayScene::Impl::build_deforming(PlacedShape& placed_shape) {
 }
 
 RayScene::Impl::Triangle RayScene::Impl::knot_triangle(const PlacedShape& p, std::uint32_t primitive,
-                                                       std::int64_t knot) const {
+                                                       std::size_t knot) const {
   Triangle t;
   const Mesh& mesh = *p.mesh;
   t.smooth = !mesh.normals.empty();
-  const std::int64_t stored = p.placement == Placement::kDeforming ? knot - p.first_knot : 0;
-  const bool in_memory = stored >= 0 && stored < std::int64_t(p.knots.size());
+  const bool in_memory = knot >= p.first_knot && knot - p.first_knot < p.knots.size();
   for (int c = 0; c < 3; ++c) {
     const std::uint32_t v = mesh.indices[3 * std::size_t(primitive) + std::size_t(c)];
     if (in_memory) {
-      const KnotVertices& k = p.knots[std::size_t(stored)];
+      const KnotVertices& k = p.knots[knot - p.first_knot];
       t.p[c] = k.positions[v];
       if (t.smooth) t.n[c] = k.normals[v];
     } else {  // outside the span of rays: the same function that filled the buffers, for three vertices
-      const auto i = std::size_t(std::clamp<std::int64_t>(knot - p.first_pose, 0, std::int64_t(p.poses.size()) - 1));
-      t.p[c] = p.pose_world[i].point(posed_position(mesh, p.poses[i], v));
-      if (t.smooth) t.n[c] = normalize(inverse(p.pose_world[i]).transposed_vector(posed_normal(mesh, p.poses[i], v)));
+      t.p[c] = posed_position(mesh, p.poses[knot], v);
+      if (t.smooth) t.n[c] = posed_normal(mesh, p.poses[knot], v);
     }
   }
   return t;
@@ -160,7 +168,7 @@ RayScene::Impl::Triangle RayScene::Impl::knot_triangle(const PlacedShape& p, std
 
 RayScene::Impl::Triangle RayScene::Impl::blended_triangle(const PlacedShape& p, std::uint32_t primitive,
                                                           double time) const {
-  const auto [knot, blend] = grid.locate(time);
+  const auto [knot, blend] = locate(time);
   Triangle a = knot_triangle(p, primitive, knot);
   if (blend == 0) return a;
   const Triangle b = knot_triangle(p, primitive, knot + 1);
@@ -182,25 +190,134 @@ TEMPERA_INLINE RayScene::Impl::Triangle RayScene::Impl::triangle(const PlacedSha
           true};
 }
 
-/// Compares the resampled motion with the scene's own midway between knots of the ray span.
-void RayScene::Impl::measure_error(const PlacedShape& shape) {
-  if (last_knot == first_knot) return;
-  const int node = scene->instances[shape.instance].node;
-  for (std::int64_t k = first_knot; k < last_knot; ++k) {
-    const double t = grid.time(k) + 0.5 * grid.step;
-    const Affine3f exact(scene->world(node, t));
-    if (shape.placement == Placement::kDeforming) {
-      const Mesh& mesh = *shape.mesh;
-      const MeshPose pose = mesh_pose(*scene, mesh, node, t);
-      const std::size_t n = mesh.positions.size(), stride = std::max<std::size_t>(1, n / 64);
-      const auto& a = shape.knots[std::size_t(k - first_knot)];
-      const auto& b = shape.knots[std::size_t(k - first_knot) + 1];
-      for (std::size_t v = 0; v < n; v += stride) {
-        const Vec3f p = exact.point(posed_position(mesh, pose, std::uint32_t(v)));
-        resampling_error = std::max(resampling_error, length(p - lerp(a.positions[v], b.positions[v], 0.5f)));
+bool RayScene::Impl::mirrored(const PlacedShape& p, double t) const {
+  if (!p.mirroring_changes) return p.mirrored;
+  // Vertices are linear between knots, so their map is, too.
+  const auto [knot, blend] = locate(t);
+  const Affine3f& a = p.poses[knot].world;
+  if (blend == 0) return a.determinant() < 0;
+  const Affine3f& b = p.poses[knot + 1].world;
+  return Affine3f{lerp(a.x, b.x, blend), lerp(a.y, b.y, blend), lerp(a.z, b.z, blend)}.determinant() < 0;
+}
+
+Vec3f RayScene::Impl::object_position(const PlacedShape& p, const SurfacePoint& point) const {
+  if (!p.mesh) {
+    return p.analytic.object_from_unit.point(analytic::evaluate(p.analytic.kind, point.u, point.v).p);
+  }
+  const std::uint32_t* v = &p.mesh->indices[3 * std::size_t(point.primitive)];
+  const Vec3f* at = p.knots[0].positions;
+  return at[v[0]] * (1 - point.u - point.v) + at[v[1]] * point.u + at[v[2]] * point.v;
+}
+
+namespace {
+
+Bounds3f bounds_of(RTCScene scene) {
+  RTCBounds b;
+  rtcGetSceneBounds(scene, &b);
+  if (!(b.lower_x <= b.upper_x)) return {};
+  return {{b.lower_x, b.lower_y, b.lower_z}, {b.upper_x, b.upper_y, b.upper_z}};
+}
+
+}  // namespace
+
+/// Puts a copy of a shape into the top scene that is placed anew in this span.
+void RayScene::Impl::attach_own(std::uint32_t instance, std::size_t slot, std::uint32_t shape, bool visible,
+                                Placement placement) {
+  auto own = std::make_unique<PlacedShape>(PlacedShape(*placed[slot]));
+  own->instance = instance;
+  own->placement = placement;
+  placed[slot] = own.get();
+  if (placement == Placement::kDeforming) {
+    own->knots.clear();
+    build_deforming(*own);
+    if (visible) cache->add_geometry(top, *own, RTC_BUILD_QUALITY_MEDIUM);
+  } else {
+    own->moving.world = [this, instance](double t) { return world(instance, t); };
+    own->moving.begin = ray_begin;
+    own->moving.duration = ray_scale > 0 ? 1 / ray_scale : 0;
+    for (std::size_t k = first_knot; k <= last_knot; ++k) {
+      // Between knots it turns about its node's origin, which moves straight: boxes around spheres hold all of that.
+      const InstanceMotion& motion = motions[instance];
+      const Affine3f m = motion.moves ? compose(motion.knots[k]) : motion.world;
+      const Bounds3f unit = analytic::unit_bounds(own->analytic.kind);
+      float radius = 0;
+      for (int c = 0; c < 8; ++c) {
+        const Vec3f corner{c & 1 ? unit.hi.x : unit.lo.x, c & 2 ? unit.hi.y : unit.lo.y, c & 4 ? unit.hi.z : unit.lo.z};
+        radius = std::max(radius, length(m.vector(own->analytic.object_from_unit.point(corner))));
       }
+      own->moving.bounds.extend(m.translation - Vec3f{radius, radius, radius});
+      own->moving.bounds.extend(m.translation + Vec3f{radius, radius, radius});
+    }
+    if (visible) cache->add_geometry(top, *own, RTC_BUILD_QUALITY_MEDIUM);
+  }
+  if (visible) top_entries.push_back({TopEntry::kShape, instance, shape});
+  deforming.push_back(std::move(own));
+}
+
+/// Puts what is not static of an instance into the top scene.
+void RayScene::Impl::attach(std::uint32_t i) {
+  const Instance& instance = scene->instances[i];
+  const auto& group = scene->groups[std::size_t(instance.group)];
+  const double representative = 0.5 * (rays.begin + rays.end);
+  bool visible = scene->visible(instance.node, representative);
+  const InstanceMotion& m = motions[i];
+  const AffineKnot still = decompose(Affine3d(m.world));
+  const auto knots = m.moves ? ray_knots(m) : std::span<const AffineKnot>(&still, 1);
+  // Embree takes rays into an instance's space, which must exist. What is flat, or becomes so, is placed in the world.
+  const bool invertible = is_invertible(knots);
+  const bool gone = !invertible && vanishes(knots);
+  bool instanced = false;
+  for (std::size_t k = 0; k < group.size(); ++k) {
+    const std::size_t slot = cache->first_placed[i] + k;
+    const auto shape = std::uint32_t(group[k]);
+    const Placement placement = cache->placements[slot];
+    if (placement == Placement::kDeforming) {
+      const auto& mesh = std::get<Mesh>(scene->shapes[shape].geometry);
+      attach_own(i, slot, shape, visible && !(gone && mesh.skin.joints.empty()), placement);
+    } else if (placement == Placement::kInstanced) {
+      instanced = true;
+      if (invertible || gone) continue;
+      attach_own(i, slot, shape, visible, placed[slot]->mesh ? Placement::kDeforming : Placement::kInstanced);
     }
   }
+  if (instanced && visible && invertible) attach_instance(i);
+}
+
+void RayScene::Impl::attach_instance(std::uint32_t i) {
+  const RTCScene group = cache->group_scenes.at(scene->instances[i].group).scene;
+  const Bounds3f box = bounds_of(group);
+  if (box.empty()) return;
+  RTCGeometry g = rtcNewGeometry(cache->device, RTC_GEOMETRY_TYPE_INSTANCE);
+  rtcSetGeometryInstancedScene(g, group);
+  const InstanceMotion& m = motions[i];
+  const auto knots = m.moves ? ray_knots(m) : std::span<const AffineKnot>{};
+  const bool still = std::all_of(knots.begin(), knots.end(), [&](const AffineKnot& k) { return k == knots[0]; });
+  const auto note_inverse = [&](const Affine3f& map) {
+    const Affine3f inv = inverse(map);
+    largest_inverse = std::max(largest_inverse, 2 * (length(inv.x) + length(inv.y) + length(inv.z)));
+  };
+  if (still) {  // also without knots
+    const Affine3f w = knots.empty() ? m.world : compose(knots[0]);
+    note_inverse(w);
+    rtcSetGeometryTransform(g, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, &w);
+  } else {
+    rtcSetGeometryTimeStepCount(g, unsigned(knots.size()));
+    for (std::size_t k = 0; k < knots.size(); ++k) {
+      const AffineKnot& knot = knots[k];
+      note_inverse(compose(knot));
+      RTCQuaternionDecomposition q;
+      rtcInitQuaternionDecomposition(&q);
+      rtcQuaternionDecompositionSetQuaternion(&q, knot.q.w, knot.q.x, knot.q.y, knot.q.z);
+      rtcQuaternionDecompositionSetScale(&q, knot.scale.x, knot.scale.y, knot.scale.z);
+      rtcQuaternionDecompositionSetSkew(&q, knot.skew.x, knot.skew.y, knot.skew.z);
+      rtcQuaternionDecompositionSetTranslation(&q, knot.translation.x, knot.translation.y, knot.translation.z);
+      rtcSetGeometryTransformQuaternion(g, unsigned(k), &q);
+    }
+  }
+  rtcCommitGeometry(g);
+  rtcAttachGeometry(top, g);
+  rtcReleaseGeometry(g);
+  top_entries.push_back({TopEntry::kInstance, i, 0});
 }
 
 RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const RaySceneOptions& options,
@@ -211,19 +328,29 @@ RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const
   s.cache = cache.impl_.get();
   s.cache->prepare(scene, options.robust);
   s.rays = rays;
-  s.evaluation = {std::min(evaluation.begin, rays.begin), std::max(evaluation.end, rays.end)};
-  s.grid.step = options.motion_step;
-  s.first_knot = s.grid.first(rays);
-  s.last_knot = std::max(s.grid.last(rays), s.first_knot);
-  if (s.last_knot - s.first_knot > kMaxSegments) {
+  evaluation = {std::min(evaluation.begin, rays.begin), std::max(evaluation.end, rays.end)};
+  const MotionGrid grid{options.motion_step};
+  const std::int64_t first = grid.first(rays), last = std::max(grid.last(rays), first);
+  if (last - first > kMaxSegments) {
     throw Error(
         ErrorCode::kOutOfRange,
         fmt::format("{} motion segments between {} s and {} s; at most {} fit one ray scene: use a shorter span or "
                     "fewer motion segments a frame",
-                    s.last_knot - s.first_knot, rays.begin, rays.end, kMaxSegments));
+                    last - first, rays.begin, rays.end, kMaxSegments));
   }
-  s.ray_begin = s.grid.time(s.first_knot);
-  s.ray_scale = s.last_knot > s.first_knot ? 1.0 / (double(s.last_knot - s.first_knot) * s.grid.step) : 0;
+  std::vector<double> jumps;
+  for (const Instance& instance : scene.instances) {
+    scene.jumps(instance.node, evaluation, jumps);
+    for (const int shape : scene.groups[std::size_t(instance.group)]) {
+      const auto* mesh = std::get_if<Mesh>(&scene.shapes[std::size_t(shape)].geometry);
+      if (mesh && mesh->deforms()) mesh_jumps(scene, *mesh, instance.node, evaluation, jumps);
+    }
+  }
+  s.pieces = MotionPieces(grid, evaluation, std::move(jumps), rays);
+  s.first_knot = s.pieces.index(first);
+  s.last_knot = s.pieces.index(last);
+  s.ray_begin = grid.time(first);
+  s.ray_scale = last > first ? 1.0 / (double(last - first) * grid.step) : 0;
   s.build_motions();
 
   for (const auto& p : s.cache->placed) s.placed.push_back(p.get());
@@ -234,7 +361,6 @@ RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const
       if (!s.placed[slot]) s.placed[slot] = s.cache->object_shapes.at(std::uint32_t(group[k])).get();
     }
   }
-  const double representative = 0.5 * (rays.begin + rays.end);
   if (!s.cache->anything_moves) {
     s.top = s.cache->static_scene.scene;
     s.top_is_static = true;
@@ -243,7 +369,7 @@ RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const
     s.top = s.own_top.scene;
     rtcSetSceneBuildQuality(s.top, RTC_BUILD_QUALITY_MEDIUM);
     if (options.robust) rtcSetSceneFlags(s.top, RTC_SCENE_FLAG_ROBUST);
-    if (!s.cache->static_ids.empty()) {
+    if (!bounds_of(s.cache->static_scene.scene).empty()) {
       RTCGeometry g = rtcNewGeometry(s.cache->device, RTC_GEOMETRY_TYPE_INSTANCE);
       rtcSetGeometryInstancedScene(g, s.cache->static_scene.scene);
       rtcCommitGeometry(g);
@@ -251,72 +377,15 @@ RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const
       rtcReleaseGeometry(g);
       s.top_entries.push_back({Impl::TopEntry::kStaticScene, 0, 0});
     }
-    for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
-      const Instance& instance = scene.instances[i];
-      const auto& group = scene.groups[std::size_t(instance.group)];
-      const bool visible = scene.visible(instance.node, representative);
-      bool instanced = false;
-      for (std::size_t k = 0; k < group.size(); ++k) {
-        const std::size_t slot = s.cache->first_placed[i] + k;
-        instanced |= s.cache->placements[slot] == Placement::kInstanced;
-        if (s.cache->placements[slot] != Placement::kDeforming) continue;
-        auto own = std::make_unique<PlacedShape>(PlacedShape(*s.cache->placed[slot]));
-        s.build_deforming(*own);
-        s.measure_error(*own);
-        s.placed[slot] = own.get();
-        if (visible) {
-          s.cache->add_geometry(s.top, *own, RTC_BUILD_QUALITY_MEDIUM);
-          s.top_entries.push_back({Impl::TopEntry::kShape, i, own->shape});
-        }
-        s.deforming.push_back(std::move(own));
-      }
-      if (!instanced || !visible) continue;
-      RTCGeometry g = rtcNewGeometry(s.cache->device, RTC_GEOMETRY_TYPE_INSTANCE);
-      rtcSetGeometryInstancedScene(g, s.cache->group_scenes.at(instance.group).scene);
-      const Impl::InstanceMotion& m = s.motions[i];
-      if (!m.moves || s.last_knot == s.first_knot) {
-        const Affine3f w = s.world(i, s.ray_begin);
-        rtcSetGeometryTransform(g, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, &w);
-      } else {
-        const auto first = std::size_t(s.first_knot - m.first), count = std::size_t(s.last_knot - s.first_knot + 1);
-        rtcSetGeometryTimeStepCount(g, unsigned(count));
-        for (std::size_t k = 0; k < count; ++k) {
-          const AffineKnot& knot = m.knots[first + k];
-          RTCQuaternionDecomposition q;
-          rtcInitQuaternionDecomposition(&q);
-          rtcQuaternionDecompositionSetQuaternion(&q, knot.q.w, knot.q.x, knot.q.y, knot.q.z);
-          rtcQuaternionDecompositionSetScale(&q, knot.scale.x, knot.scale.y, knot.scale.z);
-          rtcQuaternionDecompositionSetSkew(&q, knot.skew.x, knot.skew.y, knot.skew.z);
-          rtcQuaternionDecompositionSetTranslation(&q, knot.translation.x, knot.translation.y, knot.translation.z);
-          rtcSetGeometryTransformQuaternion(g, unsigned(k), &q);
-        }
-        Bounds3f box;  // rigid motion: corners of the group's box against the exact pose
-        RTCBounds b;
-        rtcGetSceneBounds(s.cache->group_scenes.at(instance.group).scene, &b);
-        for (std::int64_t k = s.first_knot; k < s.last_knot; ++k) {
-          const double t = s.grid.time(k) + 0.5 * s.grid.step;
-          const Affine3f exact(scene.world(instance.node, t)), ours = s.world(i, t);
-          for (int c = 0; c < 8; ++c) {
-            const Vec3f p{c & 1 ? b.upper_x : b.lower_x, c & 2 ? b.upper_y : b.lower_y, c & 4 ? b.upper_z : b.lower_z};
-            s.resampling_error = std::max(s.resampling_error, length(exact.point(p) - ours.point(p)));
-          }
-        }
-      }
-      rtcCommitGeometry(g);
-      rtcAttachGeometry(s.top, g);
-      rtcReleaseGeometry(g);
-      s.top_entries.push_back({Impl::TopEntry::kInstance, i, 0});
-    }
+    for (std::uint32_t i = 0; i < scene.instances.size(); ++i) s.attach(i);
     rtcCommitScene(s.top);
   }
   for (std::size_t i = 0; i < scene.instances.size(); ++i) {
     const bool single = scene.groups[std::size_t(scene.instances[i].group)].size() == 1;
-    s.only.push_back(single ? s.placed[s.cache->first_placed[i]] : nullptr);
+    s.single_shape.push_back(single ? s.placed[s.cache->first_placed[i]] : nullptr);
   }
   check_device(s.cache->device);
-  RTCBounds b;
-  rtcGetSceneBounds(s.top, &b);
-  if (b.lower_x <= b.upper_x) s.bounds = {{b.lower_x, b.lower_y, b.lower_z}, {b.upper_x, b.upper_y, b.upper_z}};
+  s.bounds = bounds_of(s.top);
   smallest_offset_ = 1e-6f * s.bounds.radius();
   has_opacity_ = s.cache->has_opacity;
 }
@@ -326,12 +395,13 @@ RayScene::RayScene(RayScene&&) noexcept = default;
 
 namespace {
 
-/// What Embree traces. Others would end the program where it was built with assertions, as Debian's is.
-bool is_traceable(const Ray& r) {
+/// What Embree traces, also within instances, which scale rays up by `largest_inverse` at most. Others would end the
+/// program where Embree was built with assertions, as Debian's is.
+bool is_traceable(const Ray& r, float largest_inverse) {
   constexpr float kLargest = 1e18f;
   const float sum =
       std::abs(r.o.x) + std::abs(r.o.y) + std::abs(r.o.z) + std::abs(r.d.x) + std::abs(r.d.y) + std::abs(r.d.z);
-  return sum <= kLargest && r.tmin <= r.tmax;  // false for what is no number
+  return sum * largest_inverse <= kLargest && r.tmin <= r.tmax;  // false for what is no number
 }
 
 }  // namespace
@@ -343,8 +413,8 @@ std::optional<Hit> RayScene::intersect(const Ray& ray) const {
 }
 
 bool RayScene::intersect(const Ray& ray, Hit& hit) const {
-  if (!is_traceable(ray)) return false;
   const Impl& s = *impl_;
+  if (!is_traceable(ray, s.largest_inverse)) return false;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   RTCRayHit r;
@@ -382,7 +452,7 @@ bool RayScene::intersect(const Ray& ray, Hit& hit) const {
 }
 
 bool RayScene::occluded(const Ray& ray) const {
-  if (!is_traceable(ray)) return false;
+  if (!is_traceable(ray, impl_->largest_inverse)) return false;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   RTCRay r{ray.o.x,  ray.o.y, ray.o.z, ray.tmin, ray.d.x, ray.d.y, ray.d.z, impl_->embree_time(ray.time),
@@ -431,7 +501,7 @@ ShadingPoint RayScene::shading_point(const SurfacePoint& point, double t, const 
     const Impl::Triangle tri = s.triangle(placed, point.primitive, t);
     const float b0 = 1 - point.u - point.v, b1 = point.u, b2 = point.v;
     r.p = tri.p[0] * b0 + tri.p[1] * b1 + tri.p[2] * b2;
-    r.ng = normalize(cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]) * (placed.mirrored ? -1.0f : 1.0f));
+    r.ng = normalize(cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]) * (s.mirrored(placed, t) ? -1.0f : 1.0f));
     const std::uint32_t* v = &mesh.indices[3 * std::size_t(point.primitive)];
     const auto interpolated = [&](const auto& values) {
       return values[v[0]] * b0 + values[v[1]] * b1 + values[v[2]] * b2;
@@ -482,10 +552,9 @@ ShadingPoint RayScene::shading_point(const SurfacePoint& point, double t, const 
   }
   if (placed.placement == Placement::kInstanced) {
     const Affine3f m = s.world(point.instance, t);
-    const Affine3f inv = inverse(m);
     r.p = m.point(r.p);
-    r.ng = normalize(inv.transposed_vector(r.ng));
-    ns = normalize(inv.transposed_vector(ns));
+    r.ng = transform_normal(m, r.ng);
+    ns = transform_normal(m, ns);
     if (placed.tangents) {
       r.dpdu = m.vector(r.dpdu);
       r.dpdv = m.vector(r.dpdv);
@@ -503,6 +572,10 @@ ShadingPoint RayScene::shading_point(const SurfacePoint& point, double t, const 
   } else {
     r.frame = Basis(ns);
   }
+  if (scene_->bend_normals) {
+    r.bends = true;
+    r.unbent = ns;
+  }
   return r;
 }
 
@@ -514,7 +587,7 @@ SurfaceDerivatives RayScene::derivatives(const SurfacePoint& point, double t) co
   bool flip = false;
   if (placed.mesh) {
     const Impl::Triangle tri = s.triangle(placed, point.primitive, t);
-    n = cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]) * (placed.mirrored ? -1.0f : 1.0f);
+    n = cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]) * (s.mirrored(placed, t) ? -1.0f : 1.0f);
     Vec2f uv[3];
     corner_uvs(*placed.mesh, &placed.mesh->indices[3 * std::size_t(point.primitive)], uv);
     const UvGradient g(uv);
@@ -560,7 +633,7 @@ Vec3f RayScene::position(const SurfacePoint& point, double t, Vec3f* ng) const {
     const Impl::Triangle tri = s.triangle(placed, point.primitive, t);
     p = tri.p[0] * (1 - point.u - point.v) + tri.p[1] * point.u + tri.p[2] * point.v;
     if (ng) n = cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]);
-    flip = placed.mesh->flip_normals != placed.mirrored;
+    flip = placed.mesh->flip_normals != s.mirrored(placed, t);
   } else {
     const analytic::UnitPoint unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
     p = placed.analytic.object_from_unit.point(unit.p);
@@ -570,7 +643,7 @@ Vec3f RayScene::position(const SurfacePoint& point, double t, Vec3f* ng) const {
   if (placed.placement == Placement::kInstanced) {
     const Affine3f m = s.world(point.instance, t);
     p = m.point(p);
-    if (ng) n = inverse(m).transposed_vector(n);
+    if (ng) n = transform_normal(m, n);
   }
   if (ng) *ng = normalize(flip ? -n : n);
   return p;
@@ -581,12 +654,13 @@ SurfaceMotion RayScene::motion(const SurfacePoint& point, double t) const {
   const PlacedShape& placed = s.find(point.instance, point.shape);
   const ShadingPoint here = shading_point(point, t, {0, 0, 1});
   SurfaceMotion m{here.p, here.frame.n, {}, {}};
-  const auto [knot, blend] = s.grid.locate(t);
-  const float rate = float(1 / s.grid.step);
+  const auto [knot, blend] = s.locate(t);
+  const std::size_t next = std::min(knot + 1, s.pieces.knots().size() - 1);
+  const float rate = float(1 / s.pieces.grid().step);
   const auto unit_rate = [](const Vec3f& n, float l, const Vec3f& dn) { return (dn - n * dot(n, dn)) * (1 / l); };
   if (placed.placement == Placement::kDeforming) {
     const Impl::Triangle a = s.knot_triangle(placed, point.primitive, knot);
-    const Impl::Triangle b = s.knot_triangle(placed, point.primitive, knot + 1);
+    const Impl::Triangle b = s.knot_triangle(placed, point.primitive, next);
     const float w[3] = {1 - point.u - point.v, point.u, point.v};
     Vec3f n, dn;
     for (int c = 0; c < 3; ++c) {
@@ -605,19 +679,18 @@ SurfaceMotion RayScene::motion(const SurfacePoint& point, double t) const {
       n = cross(e1, e2);
       dn = cross(d1, e2) + cross(e1, d2);
     }
-    const bool flip = placed.mesh->flip_normals != (placed.mirrored && !a.smooth);
+    const bool flip = placed.mesh->flip_normals != (s.mirrored(placed, t) && !a.smooth);
     const float l = length(n), sign = flip ? -1.0f : 1.0f;
     m.dndt = unit_rate(n * (1 / l), l, dn) * sign;
   } else if (placed.placement == Placement::kInstanced && s.motions[point.instance].moves) {
     const Impl::InstanceMotion& im = s.motions[point.instance];
-    const auto i = std::size_t(std::clamp<std::int64_t>(knot - im.first, 0, std::int64_t(im.knots.size()) - 2));
-    const Affine3f w = interpolate(im.knots[i], im.knots[i + 1], blend);
-    const Affine3f dw = interpolate_derivative(im.knots[i], im.knots[i + 1], blend);
+    const Affine3f w = interpolate(im.knots[knot], im.knots[next], blend);
+    const Affine3f dw = interpolate_derivative(im.knots[knot], im.knots[next], blend);
     const Affine3f inv = inverse(w);
-    m.dpdt = dw.point(inv.point(here.p)) * rate;
+    m.dpdt = dw.point(s.object_position(placed, point)) * rate;
     // d(M^-T n) = -M^-T dM^T M^-T n
     const Vec3f dn = -inv.transposed_vector(dw.transposed_vector(here.frame.n)) * rate;
-    m.dndt = unit_rate(here.frame.n, 1, dn);
+    if (is_finite(dn)) m.dndt = unit_rate(here.frame.n, 1, dn);  // else it is flat, and turns with its plane at most
   }
   return m;
 }
@@ -634,14 +707,16 @@ float RayScene::triangle_area(std::uint32_t instance, std::uint32_t shape, std::
   return 0.5f * length(cross(e1, e2));
 }
 
-Affine3f RayScene::world_from_object(std::uint32_t instance, std::uint32_t shape, double t) const {
+Affine3f RayScene::world_from_unit(std::uint32_t instance, std::uint32_t shape, double t) const {
   const PlacedShape& placed = impl_->find(instance, shape);
-  return placed.placement == Placement::kInstanced ? impl_->world(instance, t) : Affine3f{};
+  const Affine3f& m = placed.analytic.object_from_unit;
+  if (placed.placement != Placement::kInstanced) return m;
+  const Affine3f world = impl_->world(instance, t) * m;
+  return placed.moving.world ? Affine3f(make_invertible(Affine3d(world))) : world;
 }
 
 TimeSpan RayScene::rays() const { return impl_->rays; }
 Bounds3f RayScene::bounds() const { return impl_->bounds; }
-float RayScene::resampling_error() const { return impl_->resampling_error; }
 std::uint64_t RayScene::memory() const {
   return std::uint64_t(std::max<std::int64_t>(0, impl_->cache->bytes.load())) + impl_->cache->vertex_bytes +
          impl_->vertex_bytes;

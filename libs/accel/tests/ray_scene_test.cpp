@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "tempera/accel/motion_error.h"
 #include "tempera/core/random.h"
 #include "tempera/scene/scene.h"
 
@@ -100,11 +101,12 @@ Scene everything_moves() {
   }
   b.add(skinned, -1);
   Mesh cached = bumpy_sphere();
+  std::vector<Vec3f> positions;
   for (int k = 0; k <= 3; ++k) {
-    VertexCacheSample sample{k / 3.0, cached.positions, {}};
-    for (Vec3f& p : sample.positions) p = p * (1 + 0.1f * float(k)) + Vec3f{0, 0, 4};
-    cached.cache.push_back(sample);
+    for (const Vec3f& p : cached.positions) positions.push_back(p * (1 + 0.1f * float(k)) + Vec3f{0, 0, 4});
   }
+  bind_cache(cached, {.samples = std::make_shared<VertexCache>(std::vector{0.0, 1 / 3.0, 2 / 3.0, 1.0},
+                                                               cached.positions.size(), positions)});
   b.add(cached, -1);
   return b.scene;
 }
@@ -251,15 +253,16 @@ TEST(RayScene, ResamplingErrorFallsWithTheStep) {
   // Morph and cache keys fall between knots, where the error depends on where exactly: the others converge regularly.
   std::erase_if(scene.instances, [&](const Instance& i) {
     const auto* mesh = std::get_if<Mesh>(&scene.shapes[std::size_t(i.group)].geometry);
-    return mesh && (!mesh->cache.empty() || !mesh->morph_targets.empty());
+    return mesh && (mesh->cache.samples || !mesh->morph_targets.empty());
   });
-  float previous = kInfinity;
+  double previous = kInfinity;
   for (const double step : {1.0 / 4, 1.0 / 8, 1.0 / 16}) {
-    GeometryCache cache;
-    const RayScene rays(scene, {0, 1}, {0, 1}, {.motion_step = step}, cache);
-    EXPECT_GT(rays.resampling_error(), 0);
-    EXPECT_LT(rays.resampling_error(), previous * 0.5f);
-    previous = rays.resampling_error();
+    const auto metres = [](const Vec3f& a, const Vec3f& b, double) { return double(length(a - b)); };
+    const TimeSpan span{0, 1};
+    const double error = motion_errors(scene, {&span, 1}, step, metres)[0];
+    EXPECT_GT(error, 0);
+    EXPECT_LT(error, previous * 0.5);
+    previous = error;
   }
 }
 

@@ -23,6 +23,34 @@ std::string SourceLoc::str() const {
   return s;
 }
 
+std::string_view to_string(ErrorCode code) {
+  switch (code) {
+    case ErrorCode::kFailed:
+      return "failed";
+    case ErrorCode::kUsage:
+      return "usage";
+    case ErrorCode::kSyntax:
+      return "syntax";
+    case ErrorCode::kBadInput:
+      return "bad_input";
+    case ErrorCode::kUnknownName:
+      return "unknown_name";
+    case ErrorCode::kOutOfRange:
+      return "out_of_range";
+    case ErrorCode::kUnsupported:
+      return "unsupported";
+    case ErrorCode::kMissingFile:
+      return "missing_file";
+    case ErrorCode::kOutOfMemory:
+      return "out_of_memory";
+    case ErrorCode::kCancelled:
+      return "cancelled";
+    case ErrorCode::kDiffers:
+      return "differs";
+  }
+  return "failed";
+}
+
 int exit_status(ErrorCode code) {
   switch (code) {
     case ErrorCode::kFailed:

@@ -23,6 +23,10 @@ std::string type_name(const ParamValue& value) {
   return names[value.index()];
 }
 
+std::string with_article(const std::string& noun) {
+  return (std::string_view("aeiou").find(noun.front()) == std::string_view::npos ? "a " : "an ") + noun;
+}
+
 const ParamSpec& Params::spec(const std::string& name, const SourceLoc& loc) const {
   for (const ParamSpec& s : specs_) {
     if (s.name == name) return s;
@@ -38,9 +42,9 @@ void Params::set(const std::string& name, ParamValue value, const SourceLoc& loc
   if (std::holds_alternative<double>(s.fallback) && std::holds_alternative<int>(value))
     value = double(std::get<int>(value));
   if (value.index() != s.fallback.index()) {
-    throw Error(
-        ErrorCode::kBadInput, loc,
-        fmt::format("{} = {} is a {}; expected a {}", name, to_text(value), type_name(value), type_name(s.fallback)));
+    throw Error(ErrorCode::kBadInput, loc,
+                fmt::format("{} = {} is {}; expected {}", name, to_text(value), with_article(type_name(value)),
+                            with_article(type_name(s.fallback))));
   }
   if (const auto* text = std::get_if<std::string>(&value); text && !s.choices.empty()) {
     bool known = false;

@@ -105,52 +105,84 @@ std::vector<int> parse_frame_set(std::string_view text) {
 }
 
 namespace {
-struct Token {
-  std::size_t begin = std::string_view::npos, length = 0;
-  int width = 0;
-};
+bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
-Token find_token(std::string_view pattern) {
-  const auto slash = pattern.rfind('/');
-  const std::size_t from = slash == std::string_view::npos ? 0 : slash + 1;
-  const auto hash = pattern.find('#', from);
-  if (hash != std::string_view::npos) {
-    std::size_t end = hash;
-    while (end < pattern.size() && pattern[end] == '#') ++end;
-    return {hash, end - hash, int(end - hash)};
+/// Length of the run of digits at `begin`.
+std::size_t digits_at(std::string_view text, std::size_t begin) {
+  std::size_t end = begin;
+  while (end < text.size() && is_digit(text[end])) ++end;
+  return end - begin;
+}
+
+/// The place for a number that begins at `i`; its length is 0 if none does.
+FramePlace place_at(std::string_view name, std::size_t i) {
+  constexpr std::size_t kMaxDigits = 2;  // of a width
+  const auto place = [&](std::size_t length, std::string_view width) {
+    int digits = 0;
+    for (const char c : width) digits = digits * 10 + (c - '0');
+    return FramePlace{i, length, digits};
+  };
+  const char c = name[i];
+  if (c == '#' || c == '@') {
+    const std::size_t length = std::min(name.find_first_not_of(c, i), name.size()) - i;
+    const bool apart = (i == 0 || name[i - 1] == '.') && (i + 1 == name.size() || name[i + 1] == '.');
+    return c == '@' && length == 1 && !apart ? FramePlace{}
+                                             : FramePlace{i, length, int(std::min(length, std::size_t(20)))};
   }
-  for (std::size_t i = from; i + 1 < pattern.size(); ++i) {
-    std::size_t j = i + 1;
-    if (pattern[i] == '%') {
-      int width = 0;
-      while (j < pattern.size() && std::isdigit(static_cast<unsigned char>(pattern[j])) && width < 20) {
-        width = width * 10 + (pattern[j++] - '0');
+  if (c == '%') {
+    const std::size_t digits = digits_at(name, i + 1);
+    const std::size_t type = i + 1 + digits;
+    if (digits <= kMaxDigits && type < name.size() && name[type] == 'd') {
+      return place(digits + 2, name.substr(i + 1, digits));
+    }
+  }
+  if (c == '$' && name.substr(i).starts_with("$F")) {
+    const std::size_t digits = std::min(digits_at(name, i + 2), std::size_t(1));
+    return place(2 + digits, name.substr(i + 2, digits));
+  }
+  if (c == '<') {
+    for (const std::string_view word : {"<frame", "<F", "<f"}) {
+      if (!name.substr(i).starts_with(word)) continue;
+      const std::size_t digits = digits_at(name, i + word.size()), end = i + word.size() + digits;
+      if (digits <= kMaxDigits && end < name.size() && name[end] == '>') {
+        return place(end + 1 - i, name.substr(i + word.size(), digits));
       }
-      if (j < pattern.size() && pattern[j] == 'd' && width <= 20) return {i, j + 1 - i, width};
-    } else if (pattern[i] == '$' && pattern[j] == 'F') {
-      ++j;
-      int width = 0;
-      if (j < pattern.size() && std::isdigit(static_cast<unsigned char>(pattern[j]))) width = pattern[j++] - '0';
-      return {i, j - i, width};
     }
   }
   return {};
 }
+
+/// Where the file name in a path begins.
+std::size_t name_begin(std::string_view path) {
+  const auto slash = path.rfind('/');
+  return slash == std::string_view::npos ? 0 : slash + 1;
+}
 }  // namespace
 
-bool has_frame_pattern(std::string_view pattern) { return find_token(pattern).length > 0; }
+FramePlace find_frame_place(std::string_view pattern) {
+  for (std::size_t i = name_begin(pattern); i < pattern.size(); ++i) {
+    if (const FramePlace place = place_at(pattern, i); place.length > 0) return place;
+  }
+  return {};
+}
+
+bool has_frame_pattern(std::string_view pattern) { return find_frame_place(pattern).length > 0; }
 
 std::string frame_path(std::string_view pattern, int frame) {
-  const Token t = find_token(pattern);
-  if (t.length == 0) {
-    const auto slash = pattern.rfind('/');
-    auto dot = pattern.rfind('.');
-    if (dot == std::string_view::npos || (slash != std::string_view::npos && dot < slash)) dot = pattern.size();
-    return frame_path(std::string(pattern.substr(0, dot)) + ".####" + std::string(pattern.substr(dot)), frame);
-  }
+  const FramePlace place = find_frame_place(pattern);
+  if (place.length == 0) return std::string(pattern);
   const std::string sign = frame < 0 ? "-" : "";
-  const std::string digits = fmt::format("{:0{}d}", std::abs(long(frame)), std::max(1, t.width - int(sign.size())));
-  return std::string(pattern.substr(0, t.begin)) + sign + digits + std::string(pattern.substr(t.begin + t.length));
+  const std::string digits = fmt::format("{:0{}d}", std::abs(long(frame)), std::max(1, place.width - int(sign.size())));
+  return std::string(pattern.substr(0, place.begin)) + sign + digits +
+         std::string(pattern.substr(place.begin + place.length));
+}
+
+std::string numbered_pattern(std::string_view pattern) {
+  if (has_frame_pattern(pattern)) return std::string(pattern);
+  const std::size_t begin = name_begin(pattern);
+  std::size_t dot = pattern.rfind('.');
+  if (dot == std::string_view::npos || dot <= begin) dot = pattern.size();  // none, or that of a hidden file
+  return std::string(pattern.substr(0, dot)) + ".####" + std::string(pattern.substr(dot));
 }
 
 }  // namespace tempera

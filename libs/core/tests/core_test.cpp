@@ -37,9 +37,31 @@ TEST(FramePath, PadsAndSigns) {
   EXPECT_EQ(frame_path("out/f.####.exr", 7), "out/f.0007.exr");
   EXPECT_EQ(frame_path("out/f.%04d.exr", 1001), "out/f.1001.exr");
   EXPECT_EQ(frame_path("out/f.$F4.exr", 12345), "out/f.12345.exr");
-  EXPECT_EQ(frame_path("a#b/f", 3), "a#b/f.0003");
   EXPECT_EQ(frame_path("f_##_.exr", -3), "f_-3_.exr");
-  EXPECT_EQ(frame_path("f.exr", 3), "f.0003.exr");
+}
+
+TEST(FramePath, KnowsThePlacesOfOtherPrograms) {
+  for (const char* four : {"f.####.exr", "f.@@@@.exr", "f.%04d.exr", "f.$F4.exr", "f.<F4>.exr", "f.<frame4>.exr"}) {
+    EXPECT_TRUE(has_frame_pattern(four)) << four;
+    EXPECT_EQ(frame_path(four, 7), "f.0007.exr") << four;
+    EXPECT_EQ(frame_path(four, -7), "f.-007.exr") << four;
+  }
+  for (const char* any : {"f.#.exr", "f.@.exr", "f.%d.exr", "f.$F.exr", "f.<frame>.exr"}) {
+    EXPECT_EQ(frame_path(any, 7), "f.7.exr") << any;
+    EXPECT_EQ(frame_path(any, 1001), "f.1001.exr") << any;
+  }
+}
+
+TEST(FramePath, LeavesNamesWithoutAPlaceAlone) {
+  for (const char* one :
+       {"f.exr", "a#b/f.exr", "f@2x.exr", "f_50%.exr", "f%s.exr", "<layer>.exr", "me@home.exr", "%"}) {
+    EXPECT_FALSE(has_frame_pattern(one)) << one;
+    EXPECT_EQ(frame_path(one, 3), one);
+  }
+  EXPECT_EQ(numbered_pattern("f.exr"), "f.####.exr");
+  EXPECT_EQ(numbered_pattern("a.b/f"), "a.b/f.####");
+  EXPECT_EQ(numbered_pattern("a/.f"), "a/.f.####");
+  EXPECT_EQ(numbered_pattern("f.@@.exr"), "f.@@.exr");
 }
 
 TEST(Shutter, WarpFollowsTheShape) {

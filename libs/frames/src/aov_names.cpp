@@ -22,12 +22,41 @@ struct Alias {
 const std::vector<std::string> kRgba{"R", "G", "B", "A"}, kRgb{"R", "G", "B"}, kXyz{"X", "Y", "Z"};
 const std::vector<std::string> kLowRgb{"r", "g", "b"};
 
-// Blender 2.8 to 4: names of passes in multi-layer files, after "<view layer>.".
-const std::vector<Alias> kBlender{
-    {"color", "Combined", kRgba}, {"albedo", "Denoising Albedo", kRgb}, {"normal", "Denoising Normal", kXyz},
-    {"depth", "Depth", {"Z"}},    {"position", "Position", kXyz},       {"object_id", "IndexOB", {"X"}},
-    {"uv", "UV", {"U", "V"}},     {"emission", "Emit", kRgb},           {"samples", "Debug Sample Count", {"X"}},
+/// A pass of Blender that shows a layer of ours.
+struct BlenderPass {
+  const char* ours;
+  const char* theirs;
+  struct Channel {
+    const char* suffix;
+    int ours;  ///< channel of our layer
+    AovValue value{};
+  };
+  std::vector<Channel> channels;
 };
+
+const std::vector<BlenderPass>& blender_passes() {
+  constexpr float kNothing = 1e10f;  // the depth of the background
+  // y is up for us, z for Blender: its (x, y, z) is our (x, -z, y).
+  const std::vector<BlenderPass::Channel> rgb{{"R", 0}, {"G", 1}, {"B", 2}},
+      rgba{{"R", 0}, {"G", 1}, {"B", 2}, {"A", 3}}, z_up{{"X", 0}, {"Y", 2, {-1}}, {"Z", 1}};
+  // The names of Blender 5 (checked with files that Cycles of 5.2.3 wrote). Earlier rows win over later ones; only the
+  // first row of a layer is written.
+  static const std::vector<BlenderPass> passes{
+      {"color", "Combined", rgba},
+      {"albedo", "Denoising Albedo", rgb},
+      {"normal", "Normal", z_up},
+      {"depth", "Depth", {{"Z", 0, {1, 0, kNothing}}}},
+      {"position", "Position", z_up},
+      {"object_id", "Object Index", {{"X", 0}}},
+      {"uv", "UV", {{"U", 0}, {"V", 1, {-1, 1, 0.0f}}}},  // the origin of ours is at the top of the image
+      {"emission", "Emission", rgb},
+      // Blender 2.8 to 4.
+      {"object_id", "IndexOB", {{"X", 0}}},
+      {"emission", "Emit", rgb},
+  };
+  return passes;
+}
+
 const std::vector<Alias> kArnold{
     // the features that noice looks for, and Arnold's built-in AOVs
     {"color.var", "variance", kRgb}, {"albedo", "denoise_albedo", kRgb}, {"normal", "N", kXyz}, {"depth", "Z", {""}},
@@ -60,14 +89,13 @@ const std::vector<Alias> kReadOnly{
 const std::vector<Alias>& table(AovNames names) {
   static const std::vector<Alias> none;
   switch (names) {
-    case AovNames::kBlender:
-      return kBlender;
     case AovNames::kArnold:
       return kArnold;
     case AovNames::kRenderman:
       return kRenderman;
     case AovNames::kPbrt:
       return kPbrt;
+    case AovNames::kBlender:
     case AovNames::kTempera:
       return none;
   }
@@ -129,7 +157,21 @@ LayerSource foreign_layer(LayerDesc desc, const RawLayer& raw) {
   LayerSource s{std::move(desc), {}};
   const std::size_t n = std::min(s.desc.channels.size(), raw.channels.size());
   s.desc.channels.resize(n);
-  for (std::size_t i = 0; i < n; ++i) s.channels.push_back({raw.channels[i].second, 1.0f});
+  for (std::size_t i = 0; i < n; ++i) s.channels.push_back({raw.channels[i].second});
+  return s;
+}
+
+/// Our layer of what a file holds of a pass of Blender. Channels are found by their names; where a program calls them
+/// otherwise (Depth.V), by their order.
+LayerSource from_blender(const BlenderPass& pass, const RawLayer& raw) {
+  LayerSource s = foreign_layer(*layers::find(pass.ours), raw);
+  for (std::size_t i = 0; i < pass.channels.size() && i < raw.channels.size(); ++i) {
+    const BlenderPass::Channel& c = pass.channels[i];
+    const auto named =
+        std::find_if(raw.channels.begin(), raw.channels.end(), [&](auto& r) { return r.first == c.suffix; });
+    const int from = named != raw.channels.end() ? named->second : raw.channels[i].second;
+    if (std::size_t(c.ours) < s.channels.size()) s.channels[std::size_t(c.ours)] = {from, c.value};
+  }
   return s;
 }
 
@@ -150,52 +192,77 @@ AovNames parse_aov_names(std::string_view text) {
               fmt::format("unknown AOV names \"{}\"; known: tempera, blender, arnold, renderman, pbrt", text));
 }
 
-std::vector<AovChannel> aov_channels(const std::vector<LayerDesc>& layers, AovNames names) {
+namespace {
+std::vector<AovChannel> blender_channels(const std::vector<LayerDesc>& layers, const std::string& view_layer) {
   std::vector<AovChannel> out;
-  const LayerDesc* forward = nullptr;
-  const LayerDesc* backward = nullptr;
+  const LayerDesc *color = nullptr, *forward = nullptr, *backward = nullptr;
+  const auto add = [&](const std::string& pass, const std::string& channel, const LayerDesc& d, int c,
+                       const AovValue& value = {}) {
+    out.push_back({fmt::format("{}.{}.{}", view_layer, pass, channel), d.name, c, value});
+  };
   for (const LayerDesc& d : layers) {
-    if (d.name == "motion.forward") forward = &d;
-    if (d.name == "motion.backward") backward = &d;
+    if (d.name == "color" && d.channel_count() == 4) color = &d;
+    if (d.name == "motion.forward" && d.channel_count() >= 2) forward = &d;
+    if (d.name == "motion.backward" && d.channel_count() >= 2) backward = &d;
+  }
+  for (const LayerDesc& d : layers) {
+    const auto& passes = blender_passes();
+    const auto pass =
+        std::find_if(passes.begin(), passes.end(), [&](const BlenderPass& p) { return d.name == p.ours; });
+    if (pass == passes.end()) {
+      // Its reader splits at the last two dots: <view layer>.<pass>.<channel>.
+      for (int c = 0; c < d.channel_count(); ++c) {
+        std::string suffix = d.channels[std::size_t(c)];
+        if (is_crypto(d.name)) suffix[0] = char(std::tolower(static_cast<unsigned char>(suffix[0])));  // r, g, b, a
+        add(underscored(d.name), suffix.empty() ? "X" : suffix, d, c);
+      }
+      continue;
+    }
+    for (const BlenderPass::Channel& c : pass->channels) {
+      if (c.ours < d.channel_count()) add(pass->theirs, c.suffix, d, c.ours, c.value);
+    }
+    if (d.name == "uv" && color) add(pass->theirs, "A", *color, 3);  // where there is a surface
+  }
+  if (forward && backward) {
+    // X, Y: previous - current; Z, W: current - next; y points up.
+    add("Vector", "X", *backward, 0), add("Vector", "Y", *backward, 1, {-1});
+    add("Vector", "Z", *forward, 0, {-1}), add("Vector", "W", *forward, 1);
+  }
+  return out;
+}
+}  // namespace
+
+std::vector<AovChannel> aov_channels(const std::vector<LayerDesc>& layers, AovNames names,
+                                     const std::string& view_layer) {
+  if (names == AovNames::kBlender) return blender_channels(layers, view_layer);
+  std::vector<AovChannel> out;
+  for (const LayerDesc& d : layers) {
     const Alias* alias = nullptr;
     for (const Alias& a : table(names)) {
       if (d.name == a.ours) alias = &a;
     }
     if (alias) {
-      const std::string prefix = names == AovNames::kBlender ? "ViewLayer." : "";
       // A layer may hold fewer channels than ours usually has; it never has more of those with a name there.
       const int n = std::min(d.channel_count(), int(alias->channels.size()));
-      for (int c = 0; c < n; ++c)
-        out.push_back({join(prefix + alias->theirs, alias->channels[std::size_t(c)]), d.name, c, 1});
+      for (int c = 0; c < n; ++c) out.push_back({join(alias->theirs, alias->channels[std::size_t(c)]), d.name, c});
       continue;
     }
     for (int c = 0; c < d.channel_count(); ++c) {
       std::string name = d.channel_name(c);
-      if (names == AovNames::kBlender) {
-        // Its reader splits at the last two dots: <view layer>.<pass>.<channel>.
-        const std::string& suffix = d.channels[std::size_t(c)];
-        name = join("ViewLayer." + underscored(d.name), suffix.empty() ? "X" : suffix);
-      } else if (names == AovNames::kArnold && d.name.starts_with("CryptoObject")) {
+      if (names == AovNames::kArnold && d.name.starts_with("CryptoObject")) {
         name = join("crypto_object" + d.name.substr(12), d.channels[std::size_t(c)]);
       } else if (names == AovNames::kPbrt && d.name == "uv") {
         name = c == 0 ? "u" : "v";
       }
-      out.push_back({std::move(name), d.name, c, 1});
+      out.push_back({std::move(name), d.name, c});
     }
-  }
-  if (names == AovNames::kBlender && forward && backward && forward->channel_count() >= 2 &&
-      backward->channel_count() >= 2) {
-    out.push_back({"ViewLayer.Vector.X", "motion.backward", 0, 1});
-    out.push_back({"ViewLayer.Vector.Y", "motion.backward", 1, -1});  // y points up there
-    out.push_back({"ViewLayer.Vector.Z", "motion.forward", 0, -1});   // current - next
-    out.push_back({"ViewLayer.Vector.W", "motion.forward", 1, 1});    // both
   }
   return out;
 }
 
-std::string describe_aov_names(const std::vector<LayerDesc>& layers, AovNames names) {
+std::string describe_aov_names(const std::vector<LayerDesc>& layers, AovNames names, const std::string& view_layer) {
   std::vector<std::pair<std::string, std::vector<std::string>>> lines;
-  for (const AovChannel& c : aov_channels(layers, names)) {
+  for (const AovChannel& c : aov_channels(layers, names, view_layer)) {
     const auto dot = c.name.rfind('.');
     const std::string layer = dot == std::string::npos ? "" : c.name.substr(0, dot);
     const std::string key = c.source + " -> " + layer;
@@ -253,11 +320,12 @@ std::vector<LayerSource> layers_of_channels(const std::vector<std::string>& name
   for (const RawLayer& l : raw) taken.insert(l.name.empty() ? "color" : l.name);
   std::set<const RawLayer*> done;
   std::map<const RawLayer*, std::vector<LayerSource>> translated;
-  const auto claim = [&](const RawLayer& l, LayerDesc desc) {
-    if (done.contains(&l) || !taken.insert(desc.name).second) return;
+  const auto claim_source = [&](const RawLayer& l, LayerSource source) {
+    if (done.contains(&l) || !taken.insert(source.desc.name).second) return;
     done.insert(&l);
-    translated[&l].push_back(foreign_layer(std::move(desc), l));
+    translated[&l].push_back(std::move(source));
   };
+  const auto claim = [&](const RawLayer& l, LayerDesc desc) { claim_source(l, foreign_layer(std::move(desc), l)); };
   if (translate) {
     const auto by_name = [&](const std::string& name) -> const RawLayer* {
       for (const RawLayer& l : raw) {
@@ -279,8 +347,8 @@ std::vector<LayerSource> layers_of_channels(const std::vector<std::string>& name
       const auto dot = l.name.rfind('.');
       const std::string pass = dot == std::string::npos ? "" : l.name.substr(dot + 1);
       if (pass.empty()) continue;
-      for (const Alias& a : kBlender) {
-        if (pass == a.theirs) claim(l, *layers::find(a.ours));
+      for (const BlenderPass& p : blender_passes()) {
+        if (pass == p.theirs) claim_source(l, from_blender(p, l));
       }
       if (is_crypto(pass)) claim(l, *layers::find(pass));
       if (const auto d = find_underscored(pass)) claim(l, *d);
@@ -291,8 +359,8 @@ std::vector<LayerSource> layers_of_channels(const std::vector<std::string>& name
         if (taken.contains("motion.forward") && taken.contains("motion.backward")) done.insert(&l);  // an alias of them
         continue;
       }
-      LayerSource backward{layers::motion_backward(), {{l.channels[0].second, 1}, {l.channels[1].second, -1}}};
-      LayerSource forward{layers::motion_forward(), {{l.channels[2].second, -1}, {l.channels[3].second, 1}}};
+      LayerSource backward{layers::motion_backward(), {{l.channels[0].second}, {l.channels[1].second, {-1}}}};
+      LayerSource forward{layers::motion_forward(), {{l.channels[2].second, {-1}}, {l.channels[3].second}}};
       for (LayerSource* s : {&forward, &backward}) {
         s->desc.channels = {"X", "Y"};
         taken.insert(s->desc.name);
@@ -314,7 +382,7 @@ std::vector<LayerSource> layers_of_channels(const std::vector<std::string>& name
     const RawLayer* u = by_name("u");
     const RawLayer* v = by_name("v");
     if (u && v && u->channels.size() == 1 && v->channels.size() == 1 && taken.insert("uv").second) {
-      translated[u].push_back({layers::uv(), {{u->channels[0].second, 1}, {v->channels[0].second, 1}}});
+      translated[u].push_back({layers::uv(), {{u->channels[0].second}, {v->channels[0].second}}});
       done.insert(u), done.insert(v);
     }
   }
@@ -333,7 +401,7 @@ std::vector<LayerSource> layers_of_channels(const std::vector<std::string>& name
     }
     for (const auto& [suffix, index] : l.channels) {
       s.desc.channels.push_back(suffix);
-      s.channels.push_back({index, 1});
+      s.channels.push_back({index});
     }
     out.push_back(std::move(s));
   }

@@ -20,6 +20,7 @@ namespace tempera {
 namespace {
 
 constexpr const char* kLayersAttribute = "tempera/layers";
+constexpr float kHalfMax = 65504;  ///< largest value of a 16-bit float
 constexpr int kStrip = 128;  ///< scan lines that are packed or unpacked at once; a multiple of every EXR block height
 
 std::string one_line(std::string text) {
@@ -112,39 +113,53 @@ Compression parse_compression(std::string_view text) {
               fmt::format("unknown EXR compression \"{}\"; known: zip, zips, piz, rle, none, dwaa", text));
 }
 
+std::string names_text(const WriteOptions& options) {
+  return options.names == AovNames::kBlender ? "blender:" + options.view_layer : std::to_string(int(options.names));
+}
+
+void check_encoding(const std::vector<LayerDesc>& layers, const WriteOptions& options) {
+  std::set<std::string> names;
+  for (const AovChannel& c : aov_channels(layers, options.names, options.view_layer)) {
+    if (!names.insert(c.name).second) {
+      throw Error(ErrorCode::kBadInput, fmt::format("two layers would become the channel \"{}\"", c.name));
+    }
+    const auto layer = std::find_if(layers.begin(), layers.end(), [&](auto& d) { return d.name == c.source; });
+    if (options.compression == Compression::kDwaa && !is_picture(*layer) && dwa_damages(c.name)) {
+      throw Error(
+          ErrorCode::kUnsupported,
+          fmt::format("dwaa compression would damage layer \"{}\"; use zip, or leave that layer out", c.source));
+    }
+  }
+}
+
 void write_frame(const std::string& path, const Frame& frame, const WriteOptions& options) {
   if (frame.layers().empty() || frame.width() == 0 || frame.height() == 0) {
     throw Error(ErrorCode::kBadInput, fmt::format("cannot write {}: the frame has no layers", path));
   }
   std::vector<LayerDesc> descs;
   for (const Layer& l : frame.layers()) descs.push_back(l.desc);
-  const std::vector<AovChannel> channels = aov_channels(descs, options.names);
+  try {
+    check_encoding(descs, options);
+  } catch (const Error& e) {
+    throw Error(e.code(), fmt::format("cannot write {}: {}", path, e.message()));
+  }
+  const std::vector<AovChannel> channels = aov_channels(descs, options.names, options.view_layer);
 
   struct Column {
     const Image* image;
     int channel;
-    float scale;
+    AovValue value;
     bool half;
   };
   std::vector<Column> columns;
   OIIO::ImageSpec spec(frame.width(), frame.height(), int(channels.size()), OIIO::TypeDesc::FLOAT);
   spec.channelnames.clear();
-  std::set<std::string> names;
   Metadata metadata = frame.metadata;
   std::size_t pixel_bytes = 0;
   for (const AovChannel& c : channels) {
     const Layer& l = *frame.find(c.source);
-    if (!names.insert(c.name).second) {
-      throw Error(ErrorCode::kBadInput, fmt::format("cannot write {}: two layers become channel {}", path, c.name));
-    }
-    if (options.compression == Compression::kDwaa && !is_picture(l.desc) && dwa_damages(c.name)) {
-      throw Error(ErrorCode::kUnsupported,
-                  fmt::format("cannot write {}: dwaa compression would damage layer \"{}\"; use zip, or leave that "
-                              "layer out",
-                              path, c.source));
-    }
     const bool half = options.half && is_picture(l.desc);
-    columns.push_back({&l.image, c.source_channel, c.scale, half});
+    columns.push_back({&l.image, c.source_channel, c.value, half});
     spec.channelnames.push_back(c.name);
     spec.channelformats.push_back(half ? OIIO::TypeDesc::HALF : OIIO::TypeDesc::FLOAT);
     pixel_bytes += half ? 2 : 4;
@@ -171,6 +186,11 @@ void write_frame(const std::string& path, const Frame& frame, const WriteOptions
       spec.attribute("FramesPerSecond", OIIO::TypeRational, rational);
     }
   }
+  if (const auto aspect = metadata.find(kPixelAspectKey); aspect != metadata.end()) {  // the standard one, for viewers
+    if (const double* v = std::get_if<double>(&aspect->second); v && *v > 0) {
+      spec.attribute("PixelAspectRatio", float(*v));
+    }
+  }
   // The library would add the time of day, and the same frame would not give the same file.
   if (!metadata.contains("DateTime")) spec.attribute("DateTime", "");
   if (options.names == AovNames::kTempera) spec.attribute(kLayersAttribute, layers_text(frame));
@@ -195,10 +215,9 @@ void write_frame(const std::string& path, const Frame& frame, const WriteOptions
           std::byte* to = strip.data() + pixel_bytes * std::size_t(frame.width()) * std::size_t(y - y0);
           for (int x = 0; x < frame.width(); ++x) {
             for (const Column& c : columns) {
-              const float value = c.image->at(x, int(y), c.channel);
-              const float v = c.scale == 1 ? value : value * c.scale;
+              const float v = c.value.to_theirs(c.image->at(x, int(y), c.channel));
               if (c.half) {
-                const half h(v);
+                const half h(std::clamp(v, -kHalfMax, kHalfMax));
                 std::memcpy(to, &h, 2);
                 to += 2;
               } else {
@@ -345,7 +364,7 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
   for (const FileChannel& c : f.channels) names.push_back(c.name);
   f.layers = layers_of_channels(names, options.rename);
   f.header.metadata = metadata_of(first);
-  f.srgb = !exr && (first.format == OIIO::TypeDesc::UINT8 || first.format == OIIO::TypeDesc::UINT16);
+  f.srgb = options.decode && !exr && (first.format == OIIO::TypeDesc::UINT8 || first.format == OIIO::TypeDesc::UINT16);
   if (!exr) {
     for (LayerSource& l : f.layers) {
       if (l.desc.name == "color") l.desc.unit = units::kRadiance;
@@ -443,7 +462,7 @@ struct Target {
   int channel;
   std::size_t offset;
   OIIO::TypeDesc format;
-  float scale;
+  AovValue value;
   bool srgb;
 };
 
@@ -461,7 +480,7 @@ void unpack(const OpenFile& f, const OIIO::ImageSpec& spec, const std::vector<Ta
           const std::byte* from = row + pixel_bytes * std::size_t(xa - spec.x) + t.offset;
           for (int x = xa; x < xb; ++x, from += pixel_bytes) {
             const float v = to_float(from, t.format);
-            t.image->at(x - f.x, int(y) - f.y, t.channel) = t.srgb ? srgb_to_linear(v) : t.scale == 1 ? v : v * t.scale;
+            t.image->at(x - f.x, int(y) - f.y, t.channel) = t.srgb ? srgb_to_linear(v) : t.value.to_ours(v);
           }
         }
       },
@@ -482,7 +501,7 @@ Frame read_frame(const std::string& path, const ReadOptions& options) {
         const OIIO::ImageSpec& spec = f.parts[std::size_t(from.part)];
         std::size_t offset = 0;
         for (int i = 0; i < from.index; ++i) offset += channel_format(spec, i).size();
-        targets[from.part].push_back({&image, int(c), offset, channel_format(spec, from.index), l.channels[c].scale,
+        targets[from.part].push_back({&image, int(c), offset, channel_format(spec, from.index), l.channels[c].value,
                                       f.srgb && from.name != "A"});
       }
     }

@@ -39,6 +39,8 @@ LayerDesc color() { return {"color", kRgba, units::kRadiance, Combine::kMean}; }
 LayerDesc color_a() { return {"color.a", kRgb, units::kRadiance, Combine::kMean}; }
 LayerDesc color_b() { return {"color.b", kRgb, units::kRadiance, Combine::kMean}; }
 LayerDesc color_variance() { return {"color.var", kRgb, units::kSquaredRadiance, Combine::kVariance}; }
+LayerDesc color_common() { return {"color.common", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc color_rare() { return {"color.rare", kRgb, units::kRadiance, Combine::kMean}; }
 LayerDesc albedo() { return {"albedo", kRgb, units::kReflectance, Combine::kMean}; }
 LayerDesc normal() { return {"normal", kXyz, units::kDirection, Combine::kMean}; }
 LayerDesc depth() { return {"depth", {"Z"}, units::kMeters, Combine::kFirst}; }
@@ -53,6 +55,12 @@ LayerDesc grad_y() { return {"grad.y", kRgb, units::kRadianceDifference, Combine
 LayerDesc grad_t() { return {"grad.t", kRgb, units::kRadianceDifference, Combine::kMean}; }
 LayerDesc grad_x_variance() { return {"grad.x.var", kRgb, units::kSquaredRadiance, Combine::kVariance}; }
 LayerDesc grad_y_variance() { return {"grad.y.var", kRgb, units::kSquaredRadiance, Combine::kVariance}; }
+LayerDesc rare_color() { return {"rare.color", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc rare_grad_x() { return {"rare.grad.x", kRgb, units::kRadianceDifference, Combine::kMean}; }
+LayerDesc rare_grad_y() { return {"rare.grad.y", kRgb, units::kRadianceDifference, Combine::kMean}; }
+LayerDesc rare_a() { return {"rare.a", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc rare_b() { return {"rare.b", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc held_color() { return {"held.color", kRgb, units::kRadiance, Combine::kMean}; }
 LayerDesc source() { return {"source", {"X", "Y", "V"}, units::kPixelIndex, Combine::kFirst}; }
 LayerDesc samples() { return {"samples", {"N"}, units::kCount, Combine::kSum}; }
 LayerDesc time() { return {"time", {"T"}, units::kSeconds, Combine::kMean}; }
@@ -82,11 +90,12 @@ LayerDesc derived(const LayerDesc& base, std::string_view suffix) {
 
 const std::vector<LayerDesc>& known() {
   static const std::vector<LayerDesc> list{
-      color(),    color_a(),         color_b(),         color_variance(), albedo(),
-      normal(),   depth(),           position(),        object_id(),      uv(),
-      emission(), motion_forward(),  motion_backward(), grad_x(),         grad_y(),
-      grad_t(),   grad_x_variance(), grad_y_variance(), source(),         samples(),
-      time()};
+      color(),       color_a(),         color_b(),         color_variance(), albedo(),
+      normal(),      depth(),           position(),        object_id(),      uv(),
+      emission(),    motion_forward(),  motion_backward(), grad_x(),         grad_y(),
+      grad_t(),      grad_x_variance(), grad_y_variance(), source(),         samples(),
+      time(),        color_common(),    color_rare(),      rare_color(),     rare_grad_x(),
+      rare_grad_y(), rare_a(),          rare_b(),          held_color()};
   return list;
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tempera/frames/sequence.h"
 
+#include <OpenImageIO/imageio.h>
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -10,6 +11,7 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <set>
 
 #include "tempera/core/error.h"
 #include "tempera/core/time.h"
@@ -54,9 +56,73 @@ void for_each_entry(const fs::path& directory, F&& f) {
 std::string in_directory(const fs::path& directory, const std::string& name) {
   return directory.empty() ? name : (directory / name).string();
 }
+
+/// "png" for "a.PNG"; empty without an extension.
+std::string lower_extension(const fs::path& path) {
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return char(std::tolower(c)); });
+  return extension.empty() ? "" : extension.substr(1);
+}
+
+/// Whether files with this extension are images or movies, of which we write neither as frames.
+bool is_picture_extension(const std::string& extension) {
+  static const std::set<std::string> known = [] {
+    std::set<std::string> all{"avi",  "avif", "bmp", "dpx", "gif", "hdr", "heic", "heif", "jp2",
+                              "jpeg", "jpg",  "jxl", "m4v", "mkv", "mov", "mp4",  "mpg",  "pfm",
+                              "png",  "ppm",  "psd", "svg", "tga", "tif", "tiff", "webm", "webp"};
+    // "openexr:exr,sxr;tiff:tif,..."
+    std::string word;
+    for (const char c : std::string(OIIO::get_string_attribute("extension_list")) + ";") {
+      if (std::isalnum(static_cast<unsigned char>(c))) {
+        word += c;
+        continue;
+      }
+      if (c != ':') all.insert(word);
+      word.clear();
+    }
+    all.erase("");
+    all.erase("exr");
+    return all;
+  }();
+  return known.contains(extension);
+}
+
+Error not_exr(const std::string& path, const std::string& instead) {
+  return Error(ErrorCode::kUsage,
+               fmt::format("frames are written as OpenEXR, so \"{}\" cannot name them; write {}", path, instead));
+}
 }  // namespace
 
+bool has_extension(const std::string& path, std::string_view extension) {
+  return !extension.empty() && lower_extension(path) == extension.substr(1);
+}
+
+std::string output_pattern(const std::string& path, const std::string& name, bool single) {
+  std::error_code ignored;
+  if (path.empty() || path.ends_with('/') || fs::is_directory(path, ignored)) return in_directory(path, name);
+  const FramePlace place = find_frame_place(path);
+  if (place.length > 0) {
+    const std::size_t end = place.begin + place.length;
+    const fs::path tail =
+        fmt::format("f{}", path.substr(end));  // a name that begins with a dot would have no extension
+    const std::string extension = lower_extension(tail);
+    if (extension == "exr") return path;
+    if (extension.empty()) return path + ".exr";
+    const std::string stem = tail.stem().string();
+    throw not_exr(path, path.substr(0, end) + stem.substr(1) + (has_extension(stem, ".exr") ? "" : ".exr"));
+  }
+  const std::string extension = lower_extension(path);
+  if (extension == "exr") return single ? path : numbered_pattern(path);
+  if (is_picture_extension(extension)) {
+    const std::string instead = fs::path(path).replace_extension("exr").string();
+    throw not_exr(path, single ? instead : numbered_pattern(instead));
+  }
+  return in_directory(path, name);
+}
+
 std::vector<int> existing_frames(const std::string& pattern) {
+  if (!has_frame_pattern(pattern)) return {};
   // What stands around the number: paths of two frames differ first in the number's last digit, and those of 1 and -1
   // in its first place.
   const std::string one = frame_path(pattern, 1), two = frame_path(pattern, 2), minus = frame_path(pattern, -1);
@@ -82,7 +148,7 @@ FrameSequence::FrameSequence(const std::string& pattern) : pattern_(pattern) {
     std::map<std::string, std::vector<int>> found;  // by pattern
     std::vector<std::string> single;
     for_each_entry(pattern, [&](const std::string& name) {
-      if (name.starts_with(".") || fs::path(name).extension() != ".exr") return;
+      if (name.starts_with(".") || lower_extension(name) != "exr") return;
       const auto digits = last_digits(name);
       if (!digits) {
         single.push_back(name);
@@ -120,20 +186,32 @@ FrameSequence::FrameSequence(const std::string& pattern) : pattern_(pattern) {
     frames_ = existing_frames(pattern_);
     return;
   }
-  if (!has_frame_pattern(pattern)) {
-    if (fs::exists(pattern, ec)) {
+  const bool is_file = fs::exists(pattern, ec);
+  if (!has_frame_pattern(pattern) || (is_file && existing_frames(pattern).empty())) {
+    if (is_file) {
       single_ = true;
       const std::string name = fs::path(pattern).filename().string();
       const auto digits = last_digits(name);
       frames_ = {digits ? parse_number(name.substr(digits->begin, digits->length)).value_or(0) : 0};
       return;
     }
-    if (frames_ = existing_frames(pattern); frames_.empty()) {
+    pattern_ = numbered_pattern(pattern);
+    if (frames_ = existing_frames(pattern_); frames_.empty()) {
       throw Error(ErrorCode::kMissingFile, fmt::format("cannot open {}: no such file, directory or frames", pattern));
     }
     return;
   }
   frames_ = existing_frames(pattern);
+  if (frames_.empty()) throw Error(ErrorCode::kMissingFile, fmt::format("no frames match {}", pattern));
+}
+
+FrameSequence::FrameSequence(const std::string& pattern, std::span<const int> frames) : pattern_(pattern) {
+  single_ = !has_frame_pattern(pattern);
+  std::error_code ignored;
+  for (const int f : frames) {
+    if (fs::exists(path(f), ignored)) frames_.push_back(f);
+  }
+  std::sort(frames_.begin(), frames_.end());
   if (frames_.empty()) throw Error(ErrorCode::kMissingFile, fmt::format("no frames match {}", pattern));
 }
 

@@ -10,7 +10,9 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
+#include <cctype>
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
@@ -77,7 +79,9 @@ std::string list_of(const std::vector<const char*>& names) { return fmt::format(
 
 /// The container of a file name and the codec to use in it.
 std::pair<const Container*, std::string> choose(const std::string& path, const std::string& codec) {
-  const std::string extension = std::filesystem::path(path).extension().string();
+  std::string extension = std::filesystem::path(path).extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return char(std::tolower(c)); });
   for (const Container& c : containers()) {
     if (extension != c.extension) continue;
     if (codec == "auto") return {&c, c.codecs[0]};
@@ -228,7 +232,7 @@ void VideoWriter::add(const Image& image) {
   TEMPERA_ASSERT(impl_);
   Impl& v = *impl_;
   if (image.width() != v.width || image.height() != v.height) {
-    throw Error(ErrorCode::kBadInput, fmt::format("cannot write {}: a picture has {}x{} pixels, the first one {}x{}",
+    throw Error(ErrorCode::kBadInput, fmt::format("cannot write {}: a frame has {}x{} pixels, the first one {}x{}",
                                                   v.path, image.width(), image.height(), v.width, v.height));
   }
   const std::vector<std::uint8_t> pixels = to_rgb8(image, v.display);
@@ -291,6 +295,11 @@ int write_video(const FrameSequence& frames, const std::string& path, const Vide
     const int frame = int(first + i * step);
     if (frames.has(frame)) {
       Frame f = read_frame(frames.path(frame), read);
+      if (writer && (f.width() != image.width() || f.height() != image.height())) {
+        throw Error(ErrorCode::kBadInput,
+                    fmt::format("{} has {}x{} pixels, the frames before it {}x{}: a movie has one size",
+                                frames.path(frame), f.width(), f.height(), image.width(), image.height()));
+      }
       image = std::move(f.layer(options.layer));
     } else if (++missing_count <= 10) {
       missing += fmt::format("{}{}", missing.empty() ? "" : ", ", frame);

@@ -24,16 +24,24 @@ TEST(AovNames, Blender) {
   EXPECT_EQ(file_names(layers, AovNames::kBlender),
             (Names{"ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B", "ViewLayer.Combined.A",
                    "ViewLayer.Depth.Z", "ViewLayer.Denoising Albedo.R", "ViewLayer.Denoising Albedo.G",
-                   "ViewLayer.Denoising Albedo.B", "ViewLayer.Denoising Normal.X", "ViewLayer.Denoising Normal.Y",
-                   "ViewLayer.Denoising Normal.Z", "ViewLayer.CryptoObject00.R", "ViewLayer.CryptoObject00.G",
-                   "ViewLayer.CryptoObject00.B", "ViewLayer.CryptoObject00.A"}));
+                   "ViewLayer.Denoising Albedo.B", "ViewLayer.Normal.X", "ViewLayer.Normal.Y", "ViewLayer.Normal.Z",
+                   "ViewLayer.CryptoObject00.r", "ViewLayer.CryptoObject00.g", "ViewLayer.CryptoObject00.b",
+                   "ViewLayer.CryptoObject00.a"}));
+  // As in files that Cycles of Blender 5.2.3 wrote.
+  EXPECT_EQ(file_names({layers::color(), layers::uv(), layers::emission(), layers::object_id(), layers::samples()},
+                       AovNames::kBlender),
+            (Names{"ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B", "ViewLayer.Combined.A",
+                   "ViewLayer.UV.U", "ViewLayer.UV.V", "ViewLayer.UV.A", "ViewLayer.Emission.R", "ViewLayer.Emission.G",
+                   "ViewLayer.Emission.B", "ViewLayer.Object Index.X", "ViewLayer.samples.N"}));
+  EXPECT_EQ(cryptomatte_key("ViewLayer.CryptoObject"), "542cafa");
+  EXPECT_EQ(aov_channels({layers::depth()}, AovNames::kBlender, "Layer 2")[0].name, "Layer 2.Depth.Z");
   // Signs: X, Y = previous - current, Z, W = current - next, with y up where ours points down.
   const auto motion = aov_channels({layers::motion_forward(), layers::motion_backward()}, AovNames::kBlender);
   const std::vector<AovChannel> vector(motion.end() - 4, motion.end());
-  EXPECT_EQ(vector, (std::vector<AovChannel>{{"ViewLayer.Vector.X", "motion.backward", 0, 1},
-                                             {"ViewLayer.Vector.Y", "motion.backward", 1, -1},
-                                             {"ViewLayer.Vector.Z", "motion.forward", 0, -1},
-                                             {"ViewLayer.Vector.W", "motion.forward", 1, 1}}));
+  EXPECT_EQ(vector, (std::vector<AovChannel>{{"ViewLayer.Vector.X", "motion.backward", 0},
+                                             {"ViewLayer.Vector.Y", "motion.backward", 1, {-1}},
+                                             {"ViewLayer.Vector.Z", "motion.forward", 0, {-1}},
+                                             {"ViewLayer.Vector.W", "motion.forward", 1}}));
   EXPECT_EQ(motion[0].name, "ViewLayer.motion_forward.X");
 }
 
@@ -64,7 +72,7 @@ TEST(AovNames, Pbrt) {
 
 TEST(AovNames, DescriptionForTheLog) {
   EXPECT_EQ(describe_aov_names({layers::color(), layers::normal(), layers::depth()}, AovNames::kBlender),
-            "color -> ViewLayer.Combined.{R,G,B,A}\nnormal -> ViewLayer.Denoising Normal.{X,Y,Z}\ndepth -> "
+            "color -> ViewLayer.Combined.{R,G,B,A}\nnormal -> ViewLayer.Normal.{X,Y,Z}\ndepth -> "
             "ViewLayer.Depth.Z\n");
   EXPECT_EQ(describe_aov_names({layers::color(), layers::normal()}, AovNames::kArnold),
             "color -> {R,G,B,A}\nnormal -> N.{X,Y,Z}\n");
@@ -115,6 +123,44 @@ TEST_F(AovFile, EveryPresetReadsBackAsOurLayers) {
             "ViewLayer.CryptoObject");
 }
 
+TEST_F(AovFile, BlendersConventions) {
+  // One pixel with a surface, one without. For us y is up, for Blender z; its pixel coordinates point up.
+  Frame f(2, 1);
+  f.create(layers::color()).set_rgb(0, 0, {1, 2, 3});
+  f.layer("color").at(0, 0, 3) = 1;
+  const auto set = [&](const LayerDesc& d, std::vector<float> values) {
+    Image& image = f.create(d);
+    for (int c = 0; c < d.channel_count(); ++c) image.at(0, 0, c) = values[std::size_t(c)];
+  };
+  set(layers::depth(), {5});
+  set(layers::position(), {1, 2, -7});  // 2 up, 7 away along -z: Blender's y axis
+  set(layers::normal(), {0, 0.6f, 0.8f});
+  set(layers::uv(), {0.25f, 0.125f});
+  set(layers::motion_forward(), {3, -2, 0, 1});  // to the right and up
+  set(layers::motion_backward(), {-1, 4, 0, 1});
+  write_frame(path("f.exr"), f, {.names = AovNames::kBlender, .view_layer = "Layer"});
+  ReadOptions raw;
+  raw.rename = false;
+  const Frame g = read_frame(path("f.exr"), raw);
+  const auto at = [&](const char* pass, int x) {
+    std::vector<float> out;
+    const Image& image = g.layer(pass);
+    for (int c = 0; c < image.channels(); ++c) out.push_back(image.at(x, 0, c));
+    return out;
+  };
+  using V = std::vector<float>;
+  EXPECT_EQ(at("Layer.Depth", 0), V{5});
+  EXPECT_EQ(at("Layer.Depth", 1), V{1e10f});
+  EXPECT_EQ(at("Layer.Position", 0), (V{1, 7, 2}));
+  EXPECT_EQ(at("Layer.Position", 1), (V{0, 0, 0}));
+  EXPECT_EQ(at("Layer.Normal", 0), (V{0, -0.8f, 0.6f}));
+  EXPECT_EQ(at("Layer.UV", 0), (V{0.25f, 0.875f, 1}));
+  EXPECT_EQ(at("Layer.UV", 1), (V{0, 0, 0}));
+  EXPECT_EQ(at("Layer.Vector", 0), (V{-1, -4, -3, -2}));
+  const Frame back = read_frame(path("f.exr"));
+  for (const Layer& l : f.layers()) EXPECT_TRUE(same_bits(back.layer(l.desc.name), l.image)) << l.desc.name;
+}
+
 void write_channels(const std::string& path, Names names) {
   OIIO::ImageSpec spec(2, 1, int(names.size()), OIIO::TypeDesc::FLOAT);
   spec.channelnames = std::move(names);
@@ -139,7 +185,7 @@ TEST_F(AovFile, BlenderVectorsBecomeMotion) {
   EXPECT_EQ(f.layer("motion.backward").vec2(0, 0), (Vec2f{6, -7}));
   EXPECT_EQ(f.layer("motion.forward").vec2(0, 0), (Vec2f{-8, 9}));
   EXPECT_EQ(f.desc("uv"), layers::uv());
-  EXPECT_EQ(f.layer("uv").vec2(0, 0), (Vec2f{11, 12})) << "alpha stands first in the alphabet";
+  EXPECT_EQ(f.layer("uv").vec2(0, 0), (Vec2f{11, 1 - 12})) << "v points up there; A stands first in the alphabet";
   EXPECT_TRUE(f.has("View Layer.Mist"));
   EXPECT_FALSE(f.has("View Layer.Vector"));
 }

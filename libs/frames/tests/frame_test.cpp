@@ -4,9 +4,11 @@
 #include <OpenImageIO/half.h>
 #include <OpenImageIO/imageio.h>
 #include <fcntl.h>
+#include <fmt/format.h>
 #include <signal.h>
 #include <sys/resource.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 
@@ -121,11 +123,73 @@ TEST_F(FrameFile, HalfIsForPicturesOnly) {
   EXPECT_TRUE(same_bits(f.layer("CryptoObject00"), g.layer("CryptoObject00")));
   EXPECT_FALSE(same_bits(f.layer("color"), g.layer("color")));
   for (std::size_t i = 0; i < f.layer("color").values().size(); ++i) {
-    const float v = f.layer("color").values()[i], expected = float(half(v));
+    const float v = f.layer("color").values()[i], expected = float(half(std::clamp(v, -65504.0f, 65504.0f)));
     if (!std::isnan(v)) {
       EXPECT_EQ(g.layer("color").values()[i], expected);
     }
   }
+}
+
+TEST_F(FrameFile, HalfClampsWhatItCannotHold) {
+  Frame f(2, 1);
+  f.create(layers::color()).set_rgb(0, 0, {1e6f, 65504, -1e9f});
+  f.layer("color").set_rgb(1, 0, {65519, 70000, 1});
+  write_frame(path("f.exr"), f, {.half = true});
+  const Frame g = read_frame(path("f.exr"));
+  EXPECT_EQ(g.layer("color").rgb(0, 0), (Rgb{65504, 65504, -65504}));
+  EXPECT_EQ(g.layer("color").rgb(1, 0), (Rgb{65504, 65504, 1}));
+}
+
+TEST_F(FrameFile, EveryEncodingIsRefusedBeforeItDamages) {
+  // Whatever check_encoding lets pass comes back: data bit by bit, pictures closely.
+  std::vector<LayerDesc> all = layers::known();
+  for (const char* name : {"CryptoObject00", "class.a.color", "class.a.reflectance", "offset.color", "offset.grad.x"}) {
+    all.push_back(*layers::find(name));
+  }
+  int refused = 0;
+  for (const char* compression : {"none", "rle", "zips", "zip", "piz", "dwaa"}) {
+    for (const bool half : {false, true}) {
+      for (const AovNames names : {AovNames::kTempera, AovNames::kBlender, AovNames::kArnold, AovNames::kRenderman}) {
+        const WriteOptions options{.compression = parse_compression(compression), .half = half, .names = names};
+        for (const LayerDesc& d : all) {
+          Frame f(16, 16);
+          int i = 0;
+          for (float& v : f.create(d).values()) v = float(std::abs(std::sin(0.1 * i++))) + 0.01f;
+          const std::string where = fmt::format("{} half={} names={} {}", compression, half, int(names), d.name);
+          try {
+            check_encoding({d}, options);
+          } catch (const Error& e) {
+            ++refused;
+            EXPECT_EQ(e.code(), ErrorCode::kUnsupported) << where;
+            EXPECT_EQ(error_of([&] { write_frame(path("f.exr"), f, options); }).code(), e.code()) << where;
+            EXPECT_TRUE(files().empty()) << where;
+            EXPECT_TRUE(options.compression == Compression::kDwaa) << where;
+            continue;
+          }
+          write_frame(path("f.exr"), f, options);
+          const Frame g = read_frame(path("f.exr"));
+          std::filesystem::remove(path("f.exr"));
+          const bool picture = d.unit == units::kRadiance || d.unit == units::kReflectance;
+          const Image& back = g.layer(d.name);
+          for (int y = 0; y < 16; ++y) {
+            for (int x = 0; x < 16; ++x) {
+              for (int c = 0; c < back.channels(); ++c) {
+                const float was = f.layer(d.name).at(x, y, c);
+                if (picture) {
+                  ASSERT_NEAR(back.at(x, y, c), was, 0.03f) << where;
+                } else if (names == AovNames::kBlender && d.name == "uv") {
+                  ASSERT_NEAR(back.at(x, y, c), was, 1e-7f) << where;  // 1 - v
+                } else {
+                  ASSERT_EQ(back.at(x, y, c), was) << where;
+                }
+              }
+            }
+          }
+        }
+      }
+    }
+  }
+  EXPECT_GT(refused, 20);
 }
 
 TEST_F(FrameFile, LossyCompressionIsRefusedForData) {
@@ -211,6 +275,14 @@ TEST_F(FrameFile, PlayersFindTheFrameRate) {
   EXPECT_EQ(static_cast<const int*>(rate->data())[0], 24000);
   EXPECT_EQ(static_cast<const int*>(rate->data())[1], 1001);
   EXPECT_EQ(read_metadata(path("f.exr")), f.metadata);
+}
+
+TEST_F(FrameFile, ViewersFindThePixelAspect) {
+  Frame f = frame_of({layers::color()}, 4, 4);
+  f.metadata[kPixelAspectKey] = 1.25;
+  write_frame(path("f.exr"), f);
+  EXPECT_EQ(OIIO::ImageInput::open(path("f.exr"))->spec().get_float_attribute("PixelAspectRatio"), 1.25f);
+  EXPECT_EQ(read_metadata(path("f.exr")), f.metadata) << "stages write it again";
 }
 
 // --- Files of other programs, made with OpenImageIO
@@ -456,6 +528,55 @@ TEST_F(Sequence, FindsFramesOfPatterns) {
   EXPECT_EQ(error_of([&] { FrameSequence(path("h.####.exr")); }).code(), ErrorCode::kMissingFile);
   EXPECT_EQ(error_of([&] { FrameSequence(path("h.exr")); }).code(), ErrorCode::kMissingFile);
   EXPECT_TRUE(existing_frames(path("nowhere/f.####.exr")).empty());
+  for (const char* other : {"f.@@@@.exr", "f.<F4>.exr", "f.<frame4>.exr"}) {
+    EXPECT_EQ(FrameSequence(path(other)).frames(), s.frames()) << other;
+  }
+  touch({"literal.@@.exr"});
+  EXPECT_EQ(FrameSequence(path("literal.@@.exr")).path(0), path("literal.@@.exr")) << "a file of that very name";
+}
+
+TEST_F(Sequence, FramesThatWereChosen) {
+  touch({"f.0001.exr", "f.0003.exr", "f.0004.exr", "one.exr"});
+  const std::vector<int> some{4, 2, 1};
+  EXPECT_EQ(FrameSequence(path("f.####.exr"), some).frames(), (std::vector<int>{1, 4}));
+  const FrameSequence one(path("one.exr"), std::vector{7});
+  EXPECT_EQ(one.frames(), std::vector<int>{7});
+  EXPECT_EQ(one.path(7), path("one.exr"));
+  EXPECT_EQ(error_of([&] { FrameSequence(path("g.####.exr"), some); }).code(), ErrorCode::kMissingFile);
+}
+
+TEST_F(Sequence, OutputNames) {
+  const std::string folder = path("now.exr");
+  std::filesystem::create_directory(folder);
+  const auto name = [](const std::string& p, bool single) { return output_pattern(p, "shot.####.exr", single); };
+  for (const bool single : {false, true}) {
+    for (const char* same : {"a/f.####.exr", "f.@@@@.exr", "f_%03d.EXR", "f.$F4.exr", "a.b/<F4>.exr"}) {
+      EXPECT_EQ(name(same, single), same);
+    }
+    EXPECT_EQ(name("a/f.####", single), "a/f.####.exr");
+    for (const char* other : {"a/b", "a/b/", "take.v2", "f#/x"}) {
+      EXPECT_EQ(name(other, single), (std::filesystem::path(other) / "shot.####.exr").string()) << other;
+    }
+    EXPECT_EQ(name(folder, single), (std::filesystem::path(folder) / "shot.####.exr").string()) << "it exists";
+  }
+  EXPECT_EQ(name("a/f.exr", true), "a/f.exr");
+  EXPECT_EQ(name("a/f.exr", false), "a/f.####.exr");
+  EXPECT_EQ(name("a/f.EXR", false), "a/f.####.EXR");
+  struct Case {
+    const char *path, *one, *many;
+  };
+  for (const Case& c :
+       {Case{"x.####.png", "x.####.exr", "x.####.exr"}, Case{"a/x.@@@.PNG", "a/x.@@@.exr", "a/x.@@@.exr"},
+        Case{"x.%04d.jpeg", "x.%04d.exr", "x.%04d.exr"}, Case{"x.####.foo", "x.####.exr", "x.####.exr"},
+        Case{"x.####.exr.gz", "x.####.exr", "x.####.exr"}, Case{"x.png", "x.exr", "x.####.exr"},
+        Case{"x.Tiff", "x.exr", "x.####.exr"}, Case{"x.hdr", "x.exr", "x.####.exr"},
+        Case{"x.webp", "x.exr", "x.####.exr"}, Case{"x.mp4", "x.exr", "x.####.exr"}}) {
+    for (const bool single : {false, true}) {
+      const Error e = error_of([&] { name(c.path, single); });
+      EXPECT_EQ(e.code(), ErrorCode::kUsage) << c.path;
+      EXPECT_TRUE(e.message().ends_with(std::string("write ") + (single ? c.one : c.many))) << e.what();
+    }
+  }
 }
 
 TEST_F(Sequence, SingleFilesAndFolders) {
@@ -469,6 +590,8 @@ TEST_F(Sequence, SingleFilesAndFolders) {
   EXPECT_EQ(FrameSequence(path("a")).pattern(), path("a/shot.####.exr"));
   EXPECT_EQ(FrameSequence(path("b")).frames(), (std::vector<int>{1, 2, 10}));
   EXPECT_EQ(FrameSequence(path("d")).path(0), path("d/only.exr"));
+  touch({"u/F.01.EXR", "u/F.02.EXR"});
+  EXPECT_EQ(FrameSequence(path("u")).frames(), (std::vector<int>{1, 2}));
   const Error several = error_of([&] { FrameSequence(path("c")); });
   EXPECT_EQ(several.code(), ErrorCode::kBadInput);
   EXPECT_NE(several.message().find("a.##.exr"), std::string::npos);

@@ -144,6 +144,15 @@ TEST_F(Video, MissingFramesRepeatTheOneBefore) {
   EXPECT_LT(shown[3], shown[4]);
 }
 
+TEST_F(Video, AFrameOfAnotherSizeIsNamed) {
+  write_frames({1, 2});
+  write_frames({3}, 32, 32);
+  const Error e = error_of([&] { write_video(FrameSequence(path("f.####.exr")), path("m.mp4")); });
+  EXPECT_EQ(e.code(), ErrorCode::kBadInput);
+  EXPECT_EQ(e.message(), path("f.0003.exr") + " has 32x32 pixels, the frames before it 64x48: a movie has one size");
+  EXPECT_FALSE(std::filesystem::exists(path("m.mp4")));
+}
+
 TEST_F(Video, EveryOtherFrameHasNoGaps) {
   write_frames({1, 3, 5});
   EXPECT_EQ(write_video(FrameSequence(path("f.####.exr")), path("m.mp4")), 3);

@@ -137,6 +137,7 @@ int Glb::material(const Look& look) {
     // A factor is at most 1; its strength is an extension.
     const float strength = std::max(max_component(look.emission), 1.0f);
     m["emissiveFactor"] = array(look.emission / strength);
+    m["doubleSided"] = true;  // both sides shine
     if (look.emission_texture >= 0) m["emissiveTexture"] = texture(look.emission_texture);
     if (strength > 1)
       e["KHR_materials_emissive_strength"] =

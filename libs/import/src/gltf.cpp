@@ -52,7 +52,8 @@ std::uint64_t byte_size(const Mesh& mesh) {
   const auto bytes = [](const auto& v) { return std::uint64_t(v.size() * sizeof(v[0])); };
   std::uint64_t sum = bytes(mesh.positions) + bytes(mesh.normals) + bytes(mesh.uvs) + bytes(mesh.uvs1) +
                       bytes(mesh.tangents) + bytes(mesh.tangent_signs) + bytes(mesh.indices) + bytes(mesh.colors) +
-                      bytes(mesh.color_alphas) + bytes(mesh.skin.indices) + bytes(mesh.skin.weights);
+                      bytes(mesh.color_alphas) + bytes(mesh.source_vertices) + bytes(mesh.skin.indices) +
+                      bytes(mesh.skin.weights);
   for (const MorphTarget& t : mesh.morph_targets) sum += bytes(t.positions) + bytes(t.normals) + bytes(t.tangents);
   return sum;
 }
@@ -63,8 +64,9 @@ class GltfImporter {
       : files_(file, options),
         document_(file, options, files_, warnings),
         animations_(document_, options.animation),
-        materials_(document_, animations_) {
+        materials_(document_, animations_, options.tints_once) {
     scene_.source = file;
+    scene_.bend_normals = true;
   }
   Scene load();
 
@@ -555,7 +557,7 @@ void GltfImporter::add_light(int node, int index) {
 
   if (light.type == LightType::kSpot) {
     const Json spot = json["spot"].required().object();
-    light.smooth_falloff = true;
+    light.falloff = SpotFalloff::kSquared;
     const double outer = spot["outerConeAngle"].number(kPiD / 4, 0, kPiD / 2 + 1e-6),
                  inner = spot["innerConeAngle"].number(0, 0, kPiD / 2);
     if (!(inner < outer))

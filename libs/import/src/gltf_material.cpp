@@ -179,6 +179,7 @@ GltfMaterial GltfMaterials::make(int index, bool vertex_colors) {
                            "KHR_materials_diffuse_transmission", "KHR_materials_pbrSpecularGlossiness"})
     if (extensions[name]) document_.warn(fmt::format("extension \"{}\" is ignored", name), extensions[name]);
 
+  const bool double_sided = json["doubleSided"].boolean(false);
   MetallicRoughnessParams params = metallic_roughness(json, pointer, made);
   params.use_vertex_color = vertex_colors;
   if (extensions["KHR_materials_unlit"]) {
@@ -196,7 +197,8 @@ GltfMaterial GltfMaterials::make(int index, bool vertex_colors) {
       made.material = make_normal_map(map, float(normal["scale"].number(1)), made.material);
       made.uses_tangents = true;
     }
-    // Radiance factor * texture * strength; both sides shine, as in Cycles.
+    // Radiance factor * texture * strength. Of a single-sided surface glTF shows the front alone, so that is what
+    // shines.
     const Json strength = extensions["KHR_materials_emissive_strength"].object();
     const Animated<Rgb> emissive = product(factor(json, pointer, "emissiveFactor", 3, Rgb(0.0f), 1e30),
                                            factor(strength, pointer + "/extensions/KHR_materials_emissive_strength",
@@ -205,7 +207,7 @@ GltfMaterial GltfMaterials::make(int index, bool vertex_colors) {
     if (can_be_positive(emissive))
       made.emission = AreaEmission{
           {emissive, texture(emissive_texture, pointer + "/emissiveTexture", Channel::kRgb, ColorEncoding::kSrgb)},
-          true};
+          double_sided};
   }
   made.material = with_alpha(made.material, json, pointer, vertex_colors);
   return made;
@@ -218,7 +220,7 @@ MetallicRoughnessParams GltfMaterials::metallic_roughness(const Json& json, cons
   MetallicRoughnessParams p;
   // glTF hides the back of single-sided surfaces to save work; an offline renderer shows what is there, as Cycles does.
   p.double_sided = true;
-  json["doubleSided"].boolean(false);
+  p.tints_once = tints_once_;
 
   const Json pbr = json["pbrMetallicRoughness"].object();
   const std::string at = pointer + "/pbrMetallicRoughness";
@@ -375,6 +377,7 @@ GltfMaterials::TexturePtr GltfMaterials::image_texture(const Json& info, ImageTe
   } else {
     params.filter = TextureFilter::kMipmap;
   }
+  params.warnings = &document_.warnings();
 
   const Json extensions = json["extensions"].object();
   const Json webp = extensions["EXT_texture_webp"].object()["source"],

@@ -21,8 +21,9 @@ struct GltfMaterial {
 
 class GltfMaterials {
  public:
-  GltfMaterials(const GltfDocument& document, GltfAnimations& animations)
-      : document_(document), animations_(animations) {}
+  /// `tints_once`: MetallicRoughnessParams::tints_once of all of them.
+  GltfMaterials(const GltfDocument& document, GltfAnimations& animations, bool tints_once)
+      : document_(document), animations_(animations), tints_once_(tints_once) {}
 
   /// Material `index` (-1: glTF's default) for meshes with or without vertex colors. The reference stays valid.
   /// Errors: at the offending property or image.
@@ -47,6 +48,7 @@ class GltfMaterials {
 
   const GltfDocument& document_;
   GltfAnimations& animations_;
+  bool tints_once_;
   std::map<std::pair<int, bool>, GltfMaterial> made_;
 };
 

@@ -28,6 +28,7 @@ class PrimitiveReader {
  private:
   template <class Vec>
   std::vector<Vec> attribute(const Json& list, const std::string& semantic, std::string_view shape, bool fraction);
+  void read_source_vertices(const Json& attributes);
   void read_colors(const Json& attributes);
   void read_weights(const Json& attributes);
   void read_targets();
@@ -140,6 +141,7 @@ GltfPrimitive PrimitiveReader::read() {
       mesh.tangent_signs.push_back(t[3] < 0 ? -1.0f : 1.0f);
     }
   }
+  read_source_vertices(attributes);
   read_colors(attributes);
   read_weights(attributes);
   read_targets();
@@ -161,6 +163,23 @@ GltfPrimitive PrimitiveReader::read() {
   for (Vec3f& n : mesh.normals)
     if (!(length_squared(n) > 0)) n = {0, 0, 1};
   return std::move(out_);
+}
+
+/// The attribute that tells which vertex of the authored mesh a vertex was, before it was split at seams and materials:
+/// exporters have no standard for it; this is the name that vertex caches are documented with.
+void PrimitiveReader::read_source_vertices(const Json& attributes) {
+  for (const char* name : {"_ORIGINAL_INDEX", "_original_index"}) {
+    if (!attributes[name]) continue;
+    document_.files().charge(vertices_ * 2 * sizeof(float), primitive_.loc());
+    std::size_t v = 0;
+    for (const float index : attribute<float>(attributes, name, "SCALAR", false)) {  // exact up to 2^24
+      if (!(index >= 0 && index < 4294967040.0f && index == std::floor(index)))
+        attributes[name].fail(fmt::format("{} of vertex {} is {}, which is no index", name, v, index));
+      out_.mesh.source_vertices.push_back(std::uint32_t(index));
+      ++v;
+    }
+    return;
+  }
 }
 
 void PrimitiveReader::read_colors(const Json& attributes) {
@@ -387,6 +406,7 @@ void make_tangents(Mesh& mesh) {
   extend(mesh.uvs1);
   extend(mesh.colors);
   extend(mesh.color_alphas);
+  extend(mesh.source_vertices);
   extend(mesh.skin.indices, std::size_t(mesh.skin.influences));
   extend(mesh.skin.weights, std::size_t(mesh.skin.influences));
   for (MorphTarget& target : mesh.morph_targets) {

@@ -23,6 +23,7 @@ enum class SpectrumKind {
   kReflectance,  ///< seen under daylight, in [0,1]
   kUnbounded,    ///< the same without an upper bound: indices of refraction, roughness
   kEmission,     ///< emitted light
+  kHeight,       ///< of bump maps: one number of any sign
   kScalar,       ///< one number: opacity, roughness, weights
 };
 

@@ -10,6 +10,7 @@
 #include "mitsuba_build.h"
 #include "singular.h"
 #include "sunsky.h"
+#include "tempera/shading/color_space.h"
 
 namespace tempera::mitsuba {
 namespace {
@@ -23,8 +24,6 @@ constexpr Affine3d kSkyFromEnvironment{{1, 0, 0}, {0, 0, 1}, {0, -1, 0}};
 Affine3d facing(const Vec3d& origin, const Vec3d& direction) {
   return look_at(origin, origin + direction, Vec3d(Basis(Vec3f(normalize(direction))).s));
 }
-
-float srgb_to_linear(float v) { return v <= 0.04045f ? v / 12.92f : std::pow((v + 0.055f) / 1.055f, 2.4f); }
 
 }  // namespace
 
@@ -135,23 +134,25 @@ void Builder::add_environment(const Object& emitter) {
     std::vector<float> data(pixels * std::size_t(channels));
     if (!in->read_image(0, 0, 0, channels, OIIO::TypeDesc::FLOAT, data.data()))
       fail(ErrorCode::kBadInput, at, fmt::format("cannot read the image \"{}\": {}", path.string(), in->geterror()));
-    bool encoded = spec.format == OIIO::TypeDesc::UINT8 || spec.format == OIIO::TypeDesc::UINT16;
+    ColorSpace space = file_color_space(path);
     if (has(emitter, "gamma")) {
       const double gamma = number(emitter, "gamma", -1);
-      if (gamma > 0) encoded = gamma != 1;
+      if (gamma > 0) space = {gamma != 1 ? ColorSpace::Transfer::kSrgb : ColorSpace::Transfer::kLinear};
     }
     environment.width = spec.width;
     environment.height = spec.height;
     environment.image.resize(pixels);
     bool repaired = false;
     for (std::size_t i = 0; i < pixels; ++i) {
+      Rgb stored;
       for (int c = 0; c < 3; ++c) {
         float v = data[i * std::size_t(channels) + std::size_t(channels >= 3 ? c : 0)];
         if (!(v >= 0) || !std::isfinite(v)) repaired = true, v = 0;
-        environment.image[i][c] = encoded ? srgb_to_linear(v) : v;
+        stored[c] = v;
       }
+      environment.image[i] = clamp(space.to_linear(stored), 0, kInfinity);
     }
-    if (repaired) warn("negative or infinite pixels of an environment image are set to 0", at);
+    if (repaired) warn("pixels of an environment image that are negative, infinite or not a number are set to 0", at);
     environment.radiance = Rgb(float(number(emitter, "scale", 1, 0)));
     ignore(emitter, {"mis_compensation", "cache"});
     environment.node = add_node(rotation_only(transform(emitter, "to_world"), place(emitter, "to_world")),

@@ -206,7 +206,7 @@ MaterialPtr Builder::make_material(const Object& bsdf) {
     if (!map) fail(ErrorCode::kBadInput, bsdf.place, fmt::format("{} needs a nested texture", bsdf.name()));
     ignore(bsdf, {"flip_invalid_normals", "use_shadowing_function"});
     const bool is_bump = plugin != "normalmap";
-    const Slot s = texture_slot(*map, is_bump ? SpectrumKind::kScalar : SpectrumKind::kUnbounded);
+    const Slot s = texture_slot(*map, is_bump ? SpectrumKind::kHeight : SpectrumKind::kUnbounded);
     const double scale = number(bsdf, "scale", 1) * s.factor.at(0).r;
     const MaterialPtr nested = nested_material(bsdf);
     if (!s.texture) return nested;  // a constant height or normal

@@ -231,6 +231,21 @@ void Builder::add_instance(const Object& object) {
   if (instance.group >= 0) scene_.instances.push_back(std::move(instance));
 }
 
+namespace {
+/// Whether there was something to repair.
+bool repair_colors(Mesh& mesh) {
+  bool repaired = false;
+  const auto repair = [&](float& v) {
+    if (v >= 0 && std::isfinite(v)) return;
+    v = 0;
+    repaired = true;
+  };
+  for (Rgb& c : mesh.colors) repair(c.r), repair(c.g), repair(c.b);
+  for (float& a : mesh.color_alphas) repair(a);
+  return repaired;
+}
+}  // namespace
+
 void Builder::read_meshes() {
   std::vector<std::optional<Error>> failed(jobs_.size());
   parallel_for(0, std::int64_t(jobs_.size()), [&](std::int64_t i) {
@@ -239,6 +254,8 @@ void Builder::read_meshes() {
     try {
       Mesh mesh = job.read();
       files_.charge(bytes_of(mesh), document_.loc(at));
+      if (repair_colors(mesh))
+        warn("vertex or face colors that are negative, infinite or not a number are read as 0", at);
       if (mesh.indices.empty()) warn("a mesh file without triangles is left out", at);
       scene_.shapes[std::size_t(job.shape)].geometry = std::move(mesh);
     } catch (const Error& e) {

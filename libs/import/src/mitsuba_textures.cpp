@@ -124,12 +124,14 @@ std::shared_ptr<const Texture> Builder::bitmap(const Object& texture, SpectrumKi
   }
   static constexpr std::array<std::string_view, 8> kChannels{"", "r", "g", "b", "a", "x", "y", "z"};
   const std::string channel = choice(texture, "channel", "", kChannels);
-  params.channel = channel == "r" || channel == "x"   ? Channel::kR
-                   : channel == "g" || channel == "y" ? Channel::kG
-                   : channel == "b" || channel == "z" ? Channel::kB
-                   : channel == "a"                   ? Channel::kA
-                   : kind == SpectrumKind::kScalar    ? Channel::kLuminance
-                                                      : Channel::kRgb;
+  params.channel = channel == "r" || channel == "x"                                 ? Channel::kR
+                   : channel == "g" || channel == "y"                               ? Channel::kG
+                   : channel == "b" || channel == "z"                               ? Channel::kB
+                   : channel == "a"                                                 ? Channel::kA
+                   : kind == SpectrumKind::kScalar || kind == SpectrumKind::kHeight ? Channel::kLuminance
+                                                                                    : Channel::kRgb;
+  params.keep_negative = kind == SpectrumKind::kHeight;
+  params.warnings = &warnings_;
   return make_image_texture(params, document_.loc(place(texture, "filename")));
 }
 

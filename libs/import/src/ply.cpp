@@ -439,8 +439,6 @@ void Reader::read_vertices(const Element& element) {
   for (Vec3f& n : mesh_.normals) n = is_finite(n) ? normalize(n) : Vec3f{};
   for (Vec2f& uv : mesh_.uvs)
     if (!std::isfinite(uv.x) || !std::isfinite(uv.y)) uv = {};
-  for (Rgb& c : mesh_.colors)
-    if (!is_finite(c)) c = Rgb{};
 }
 
 void Reader::read_faces(const Element& element) {

@@ -18,6 +18,19 @@ TEST_F(Gltf, StripsAndFansKeepTheirWinding) {
   EXPECT_EQ(mesh_of(scene, 0, 1).indices, (std::vector<std::uint32_t>{1, 2, 0, 2, 3, 0}));
 }
 
+TEST_F(Gltf, VerticesTellWhereTheyComeFrom) {
+  Buffer buffer;
+  const int p = buffer.floats({0, 0, 0, 1, 0, 0, 0, 1, 0}, "VEC3"), source = buffer.floats({7, 0, 16777216}, "SCALAR"),
+            half = buffer.floats({7, 0.5f, 1}, "SCALAR");
+  const auto file = [&](int index) {
+    return asset(fmt::format(
+        R"("nodes":[{{"mesh":0}}],"meshes":[{{"primitives":[{{"attributes":{{"POSITION":{},"_ORIGINAL_INDEX":{}}}}}]}}],{})",
+        p, index, buffer.json()));
+  };
+  EXPECT_EQ(mesh_of(load(file(source))).source_vertices, (std::vector<std::uint32_t>{7, 0, 16777216}));
+  EXPECT_THROW(load(file(half)), Error);
+}
+
 TEST_F(Gltf, QuantizedInterleavedSparseAndColoredAttributes) {
   // One buffer: interleaved vertices of three normalized shorts, two bytes of padding, three normalized bytes, one of
   // padding, and a color of four normalized bytes (16 bytes); then a sparse index (and padding), then its two floats.

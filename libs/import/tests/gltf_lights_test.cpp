@@ -38,7 +38,7 @@ TEST_F(Gltf, LightsKeepTheRatioToSurfaces) {
     EXPECT_EQ(spot.type, LightType::kSpot);
     EXPECT_NEAR(spot.intensity_scale.at(0), 683, 1e-3);
     EXPECT_EQ(spot.intensity.at(0), Rgb(1, 0.5f, 0.25f));
-    EXPECT_TRUE(spot.smooth_falloff);
+    EXPECT_EQ(spot.falloff, SpotFalloff::kSquared);
     EXPECT_NEAR(spot.beam_width.at(0), 0.2, 1e-6);
     EXPECT_NEAR(spot.cutoff_angle.at(0), 0.6, 1e-6);
     expect_near(scene.world(spot.node, 0).z, {0, 0, -1}, 1e-6);

@@ -83,5 +83,96 @@ TEST_F(Gltf, TextureTransformsTurnCounterclockwise) {
   EXPECT_EQ(seen(R"({"rotation":1.5707963})", {0.25f, 0.75f}), Rgb(1, 1, 1));
 }
 
+/// A PFM image of 1 x 1.
+std::string pfm(float r, float g, float b) {
+  std::string bytes = "PF\n1 1\n-1.0\n";
+  for (const float v : {r, g, b}) bytes.append(reinterpret_cast<const char*>(&v), sizeof v);
+  return bytes;
+}
+
+TEST_F(Gltf, TexelsThatAreNoLightAreHarmlessWhereverTheyAreUsed) {
+  const float nan = std::nanf("");
+  write("bad.pfm", pfm(-0.34f, nan, kInfinity));
+  const char* materials[] = {
+      R"("pbrMetallicRoughness":{"baseColorTexture":{"index":0}})",
+      R"("pbrMetallicRoughness":{"metallicRoughnessTexture":{"index":0}})",
+      R"("normalTexture":{"index":0})",
+      R"("emissiveFactor":[1,1,1],"emissiveTexture":{"index":0})",
+      R"("alphaMode":"BLEND","pbrMetallicRoughness":{"baseColorTexture":{"index":0}})",
+      R"("extensions":{"KHR_materials_specular":{"specularTexture":{"index":0},"specularColorTexture":{"index":0}}})",
+      R"("extensions":{"KHR_materials_transmission":{"transmissionFactor":1,"transmissionTexture":{"index":0}}})",
+      R"("extensions":{"KHR_materials_clearcoat":{"clearcoatFactor":1,"clearcoatTexture":{"index":0},
+"clearcoatRoughnessTexture":{"index":0},"clearcoatNormalTexture":{"index":0}}})",
+      R"("extensions":{"KHR_materials_sheen":{"sheenColorFactor":[1,1,1],"sheenColorTexture":{"index":0}}})",
+      R"("extensions":{"KHR_materials_anisotropy":{"anisotropyStrength":1,"anisotropyTexture":{"index":0}}})"};
+  for (const char* material : materials) {
+    warnings_.report();
+    Buffer buffer;
+    const int uvs = buffer.floats({0, 0, 1, 0, 0, 1}, "VEC2");
+    const Scene scene = load(triangle(
+        buffer, fmt::format(R"(,"TEXCOORD_0":{})", uvs),
+        fmt::format(R"("materials":[{{{}}}],"textures":[{{"source":0}}],"images":[{{"uri":"bad.pfm"}}])", material),
+        R"(,"material":0)"));
+    EXPECT_TRUE(warned("negative, infinite or not a number")) << material;
+    const Shape& shape = scene.shapes[0];
+    for (const bool bends : {false, true}) {
+      ShadingPoint point;
+      point.ng = point.unbent = {0, 0, 1};
+      point.dpdu = {1, 0, 0}, point.dpdv = {0, 1, 0};
+      point.wo = normalize(Vec3f{0.3f, 0.2f, 0.8f});
+      point.bends = bends;
+      Bsdf bsdf;
+      make_bsdf(*shape.material, point, bsdf);
+      const float opacity = shape.material->opacity(point);
+      EXPECT_TRUE(opacity >= 0 && opacity <= 1) << material;
+      Rgb sum = bsdf.albedo(point.wo) + bsdf.eval(point.wo, normalize(Vec3f{-0.3f, -0.1f, 0.9f})).sum();
+      if (shape.emission) sum += shape.emission->radiance.rgb(point);
+      EXPECT_TRUE(is_finite(sum) && std::min({sum.r, sum.g, sum.b}) >= 0) << material;
+    }
+  }
+}
+
+TEST_F(Gltf, DoubleSidedSurfacesShineBothWays) {
+  const auto both_sides = [&](const std::string& sided) {
+    Buffer buffer;
+    const Scene scene = load(triangle(buffer, "", fmt::format(R"("materials":[{{{}"emissiveFactor":[1,1,1]}}])", sided),
+                                      R"(,"material":0)"));
+    return scene.shapes[0].emission->two_sided;
+  };
+  EXPECT_FALSE(both_sides(""));
+  EXPECT_FALSE(both_sides(R"("doubleSided":false,)"));
+  EXPECT_TRUE(both_sides(R"("doubleSided":true,)"));
+}
+
+TEST_F(Gltf, SolidGlassIsTintedAtEachCrossingOrOnceInAll) {
+  for (const bool once : {false, true}) {
+    Buffer buffer;
+    ImportOptions options;
+    options.tints_once = once;
+    const Scene scene = load(
+        triangle(
+            buffer, "",
+            R"("materials":[{"pbrMetallicRoughness":{"baseColorFactor":[0.5,0.5,0.5,1],"metallicFactor":0,"roughnessFactor":0},
+"extensions":{"KHR_materials_transmission":{"transmissionFactor":1},"KHR_materials_volume":{"thicknessFactor":1},
+"KHR_materials_ior":{"ior":1.5},"KHR_materials_specular":{"specularFactor":0}}}])",
+            R"(,"material":0)"),
+        options);
+    EXPECT_TRUE(scene.bend_normals);
+    float through = 1;  // straight through a slab: in at the front, out at the back
+    for (const float z : {1.0f, -1.0f}) {
+      ShadingPoint point;
+      point.ng = point.unbent = {0, 0, 1};
+      point.wo = {0, 0, z};
+      Bsdf bsdf;
+      make_bsdf(*scene.shapes[0].material, point, bsdf);
+      for (int i = 0; i < bsdf.size(); ++i) {
+        const auto s = bsdf.sample_delta(i, point.wo);
+        if (s && s->transmitted) through *= s->sum().g * s->eta * s->eta;
+      }
+    }
+    EXPECT_NEAR(through, once ? 0.5f : 0.25f, 1e-5f);
+  }
+}
+
 }  // namespace
 }  // namespace tempera

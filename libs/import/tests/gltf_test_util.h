@@ -152,7 +152,7 @@ inline const Mesh& mesh_of(const Scene& scene, std::size_t instance = 0, std::si
 inline Vec3d world_position(const Scene& scene, std::size_t instance, std::uint32_t vertex, double t) {
   const int node = scene.instances.at(instance).node;
   const Mesh& mesh = mesh_of(scene, instance);
-  return scene.world(node, t).point(Vec3d(posed_position(mesh, mesh_pose(scene, mesh, node, t), vertex)));
+  return Vec3d(posed_position(mesh, mesh_pose(scene, mesh, node, t), vertex));
 }
 
 inline int node_named(const Scene& scene, const std::string& name) {

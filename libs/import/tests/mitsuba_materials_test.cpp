@@ -127,6 +127,48 @@ TEST(MitsubaMaterials, ShapesWithoutBsdfAreDiffuseOrBlackIfTheyEmit) {
   EXPECT_TRUE(SameScattering(*imported("<emitter type=\"area\"/>"), *make_diffuse(0.0f)));
 }
 
+TEST(MitsubaTextures, WhatIsNoLightIsReadAsZeroWithOneWarning) {
+  Folder folder;
+  const float nan = std::nanf("");
+  folder.write("bad.pfm", [&] {
+    std::string b = "PF\n1 1\n-1.0\n";
+    for (const float v : {-0.34f, nan, kInfinity}) b.append(reinterpret_cast<const char*>(&v), 4);
+    return b;
+  }());
+  folder.write("colors.ply",
+               "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+               "property float r\nproperty float g\nproperty float b\nelement face 1\n"
+               "property list uchar int vertex_index\nend_header\n"
+               "0 0 0 -1 0.5 0.25\n1 0 0 nan 0.5 0.25\n0 1 0 0 inf 0.25\n3 0 1 2\n");
+  const auto bitmap = [](const char* name) {
+    return fmt::format(R"(<texture name="{}" type="bitmap"><string name="filename" value="bad.pfm"/></texture>)", name);
+  };
+  for (const std::string& bsdf : {"<bsdf type=\"diffuse\">" + bitmap("reflectance") + "</bsdf>",
+                                  "<bsdf type=\"roughconductor\">" + bitmap("alpha") + "</bsdf>",
+                                  "<bsdf type=\"roughconductor\">" + bitmap("specular_reflectance") + "</bsdf>",
+                                  "<bsdf type=\"dielectric\">" + bitmap("specular_transmittance") + "</bsdf>",
+                                  "<bsdf type=\"principled\">" + bitmap("base_color") + "</bsdf>",
+                                  "<bsdf type=\"principled\">" + bitmap("metallic") + "</bsdf>",
+                                  "<bsdf type=\"principled\">" + bitmap("roughness") + "</bsdf>",
+                                  "<bsdf type=\"normalmap\">" + bitmap("normalmap") + "<bsdf type=\"diffuse\"/></bsdf>",
+                                  "<bsdf type=\"mask\">" + bitmap("opacity") + "<bsdf type=\"diffuse\"/></bsdf>"}) {
+    folder.warnings.report();
+    const Scene s = folder.load("<shape type=\"disk\">" + bsdf + "</shape>");
+    EXPECT_FALSE(s.bend_normals) << "Mitsuba's convention";
+    ASSERT_EQ(folder.warnings.lines().size(), 1u) << bsdf;
+    EXPECT_NE(folder.warnings.lines()[0].find("not a number"), std::string::npos);
+    for (const float v : scattering(*s.shapes[0].material)) EXPECT_TRUE(v >= -1 && std::isfinite(v)) << bsdf;
+    EXPECT_EQ(scattering(*s.shapes[0].material)[1] >= 0, true) << bsdf;
+  }
+  folder.warnings.report();
+  const Scene s = folder.load(R"(<shape type="ply"><string name="filename" value="colors.ply"/></shape>)");
+  ASSERT_EQ(folder.warnings.lines().size(), 1u);
+  EXPECT_NE(folder.warnings.lines()[0].find("colors that are negative"), std::string::npos);
+  EXPECT_EQ(mesh_of(s).colors[0], Rgb(0, 0.5f, 0.25f));
+  EXPECT_EQ(mesh_of(s).colors[1], Rgb(0, 0.5f, 0.25f));
+  EXPECT_EQ(mesh_of(s).colors[2], Rgb(0, 0, 0.25f));
+}
+
 TEST(MitsubaTextures, BitmapsCheckerboardsAndScales) {
   Folder folder;
   // 2 x 2 gray pixels: 0.25 0.5 in the first row, 0.75 1 in the second.

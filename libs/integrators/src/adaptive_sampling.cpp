@@ -9,6 +9,7 @@
 
 #include "tempera/core/parallel.h"
 #include "tempera/core/random.h"
+#include "tempera/integrators/integrator.h"
 
 namespace tempera {
 
@@ -67,8 +68,8 @@ BatchPlan plan_batches(const AdaptiveOptions& options, int spp) {
   if (options.mode == AdaptiveOptions::Mode::kOff) return {spp, 0, 1, true};
   const int count = std::min(options.batches, spp / kLeastBatch);
   if (count < 2) {
-    throw Error(
-        ErrorCode::kOutOfRange,
+    throw SettingError(
+        ErrorCode::kOutOfRange, "sampling.spp",
         fmt::format("adaptive sampling needs two batches of {} samples in each pass, and there are {}: raise spp, "
                     "or set adaptive = \"off\"",
                     kLeastBatch, spp));

@@ -3,7 +3,10 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+
 #include "shift_observer.h"
+#include "tempera/core/parallel.h"
 #include "tempera/core/random.h"
 
 namespace tempera {
@@ -30,6 +33,8 @@ const std::vector<ParamSpec>& GradientOptions::params() {
     std::vector<ParamSpec> s = PathOptions::params();
     s.push_back({"roughness_threshold", 0.001,
                  "paths of neighbouring pixels are connected at surfaces that are rougher (alpha)", 0, 1});
+    s.push_back({"rare", true,
+                 "write beside the picture the light of rare bright paths, which robust reconstruction keeps apart"});
     const std::vector<ParamSpec>& adaptive = AdaptiveOptions::params();
     s.insert(s.end(), adaptive.begin(), adaptive.end());
     return s;
@@ -38,25 +43,44 @@ const std::vector<ParamSpec>& GradientOptions::params() {
 }
 
 GradientOptions::GradientOptions(const Params& p)
-    : path(p), adaptive(p), roughness_threshold(float(p.get_double("roughness_threshold"))) {}
+    : path(p), adaptive(p), roughness_threshold(float(p.get_double("roughness_threshold"))), rare(p.get_bool("rare")) {}
 
 void check_gradient_settings(const RenderSettings& settings, std::string_view integrator) {
   if (settings.clock.shutter.rolling != 0) {
-    throw Error(ErrorCode::kUnsupported,
-                fmt::format("the integrator \"{}\" compares pixels at one time: no rolling shutter", integrator));
+    throw SettingError(
+        ErrorCode::kUnsupported, "shutter.rolling",
+        fmt::format("the integrator \"{}\" compares pixels at one time: no rolling shutter", integrator));
   }
 }
 
-std::vector<LayerDesc> gradient_work_layers(const std::string& prefix) {
+std::vector<LayerDesc> gradient_work_layers(const std::string& prefix, bool variance) {
   std::vector<LayerDesc> result;
   for (const char* side : kSides) {
-    LayerDesc mean = layers::grad_x(), variance = layers::grad_x_variance();
+    LayerDesc mean = layers::grad_x();
     mean.name = prefix + side;
-    variance.name = variance_of(mean.name);
+    if (variance) {
+      LayerDesc d = layers::grad_x_variance();
+      d.name = variance_of(mean.name);
+      result.push_back(std::move(d));
+    }
     result.push_back(std::move(mean));
-    result.push_back(std::move(variance));
   }
   return result;
+}
+
+bool needs_variance(const GradientOptions& options, const RenderSettings& settings, const std::string& prefix) {
+  const auto wanted = [&](const LayerDesc& d) {
+    return std::find(settings.layers.begin(), settings.layers.end(), prefix + d.name) != settings.layers.end();
+  };
+  return (prefix.empty() && options.adaptive.mode != AdaptiveOptions::Mode::kOff) ||
+         wanted(layers::grad_x_variance()) || wanted(layers::grad_y_variance());
+}
+
+std::vector<std::string> gradient_layer_names(const std::string& prefix, int estimates) {
+  std::vector<std::string> names;
+  for (const char* name : {"grad.x", "grad.y", "grad.x.var", "grad.y.var"}) names.push_back(prefix + name);
+  for (const LayerDesc& d : rare_layers(prefix, estimates)) names.push_back(d.name);
+  return names;
 }
 
 GradientTile::GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix)
@@ -64,7 +88,10 @@ GradientTile::GradientTile(const FrameContext& context, const Tile& tile, const 
       tile_(tile),
       prefix_(prefix),
       film_(context, tile, out, prefix),
-      pixels_(std::size_t(tile.x1 - tile.x0) * std::size_t(tile.y1 - tile.y0)) {}
+      pixels_(std::size_t(tile.x1 - tile.x0) * std::size_t(tile.y1 - tile.y0)),
+      two_estimates_(out.has(prefix + "rare.a")) {
+  if (out.has(prefix + "rare.color")) rare_.resize(pixels_.size());
+}
 
 void GradientTile::sample(const FrameContext& context, const GradientOptions& options, int x, int y,
                           const PixelKey& key, int first, int count, RenderCounters& counters) {
@@ -73,10 +100,11 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
   std::uint64_t rays = 0, shadow_rays = 0;
   for (int i = first; i < first + count; ++i) {
     const CameraSample camera = camera_sample(context, key, x, y, i);
-    const Vec3f axis = film_.features() ? context.camera.axis(camera.time) : Vec3f{};
-    ShiftObserver shifts(context, options.path, options.roughness_threshold, camera, neighbours);
+    const Vec3f axis = film_.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
+    const FrameContext& now = context.at(camera.time);
+    ShiftObserver shifts(now, options.path, options.roughness_threshold, camera, neighbours);
     const SampleResult r =
-        trace_path(context, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts);
+        trace_path(now, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts);
     rays += r.rays + shifts.rays();
     shadow_rays += r.shadow_rays;
     bool finite = true;
@@ -86,34 +114,67 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
       continue;
     }
     ++p.count;
+    const bool even = i % 2 == 0;
+    p.even_count += even;
     for (std::size_t j = 0; j < 4; ++j) {
       const Rgb g = shifts.g(j) * camera.weight;
       p.sums[j] += g;
+      if (even) p.even_sums[j] += g;
       p.squares[j] += g * g;
     }
+    if (!rare_.empty()) add_rare(rare_[std::size_t(&p - pixels_.data())], r, shifts, camera.weight, even);
   }
   counters.samples += std::uint64_t(count);
   counters.rays += rays;
   counters.shadow_rays += shadow_rays;
 }
 
-void GradientTile::write(Frame& out) const {
+void GradientTile::add_rare(RarePixel& pixel, const SampleResult& sample, const ShiftObserver& shifts, float weight,
+                            bool even) const {
+  SampleParts common{sample.radiance * weight};
+  for (std::size_t j = 0; j < 4; ++j) common[j + 1] = shifts.g(j) * weight;
+  RareLight& light = pixel.estimates[two_estimates_ && !even ? 1 : 0];
+  ++light.count;
+  if (shifts.rare()) {
+    const SampleParts all = common;
+    common[0] = shifts.common_radiance() * weight;
+    for (std::size_t j = 0; j < 4; ++j) {
+      common[j + 1] = shifts.common_g(j) * weight;
+      pixel.differences[j] += all[j + 1] - common[j + 1];
+    }
+    light.add(all[0] - common[0]);
+  }
+  pixel.common.add(common);
+}
+
+void GradientTile::write(Frame& out, bool of_samples) const {
   film_.write(out);
   for (std::size_t j = 0; j < 4; ++j) {
-    Image &means = out.layer(prefix_ + kSides[j]), &variances = out.layer(variance_of(prefix_ + kSides[j]));
+    const std::string name = prefix_ + kSides[j];
+    Image& means = out.layer(name);
+    Image* variances = out.has(variance_of(name)) ? &out.layer(variance_of(name)) : nullptr;
     const Pixel* p = pixels_.data();
     for (int y = tile_.y0; y < tile_.y1; ++y) {
       for (int x = tile_.x0; x < tile_.x1; ++x, ++p) {
         const int ox = x - settings_.x0(), oy = y - settings_.y0();
         const float n = float(std::max(p->count, 1));
-        Rgb v;
-        for (int c = 0; p->count > 1 && c < 3; ++c) {
-          v[c] = std::max(0.0f, (p->squares[j][c] - p->sums[j][c] * p->sums[j][c] / n) / (n * (n - 1)));
-        }
         means.set_rgb(ox, oy, p->sums[j] * (1 / n));
-        variances.set_rgb(ox, oy, v);
+        if (!variances) continue;
+        Rgb v;
+        if (!of_samples) {
+          v = variance_of_mean(p->even_sums[j], p->even_count, p->sums[j] - p->even_sums[j], p->count - p->even_count);
+        } else if (p->count > 1) {
+          for (int c = 0; c < 3; ++c)
+            v[c] = std::max(0.0f, (p->squares[j][c] - p->sums[j][c] * p->sums[j][c] / n) / (n * (n - 1)));
+        }
+        variances->set_rgb(ox, oy, v);
       }
     }
+  }
+  std::size_t i = 0;
+  for (int y = tile_.y0; y < tile_.y1 && !rare_.empty(); ++y) {
+    for (int x = tile_.x0; x < tile_.x1; ++x, ++i)
+      store_rare(rare_[i], pixels_[i].count, prefix_, x - settings_.x0(), y - settings_.y0(), out);
   }
 }
 
@@ -121,15 +182,20 @@ void join_gradients(const std::string& prefix, Frame& out) {
   const auto join = [&](const std::string& name, Side forward, Side back, int dx, int dy) {
     const std::string f = prefix + kSides[forward], b = prefix + kSides[back];
     const Image &from = out.layer(f), &to = out.layer(b);
-    const Image &from_variance = out.layer(variance_of(f)), &to_variance = out.layer(variance_of(b));
     Image* mean = out.has(name) ? &out.layer(name) : nullptr;
     Image* variance = out.has(variance_of(name)) ? &out.layer(variance_of(name)) : nullptr;
-    for (int y = 0; y + dy < out.height(); ++y) {
-      for (int x = 0; x + dx < out.width(); ++x) {
-        if (mean) mean->set_rgb(x, y, from.rgb(x, y) - to.rgb(x + dx, y + dy));
-        if (variance) variance->set_rgb(x, y, from_variance.rgb(x, y) + to_variance.rgb(x + dx, y + dy));
-      }
-    }
+    const Image *from_variance = variance ? &out.layer(variance_of(f)) : nullptr,
+                *to_variance = variance ? &out.layer(variance_of(b)) : nullptr;
+    parallel_for(
+        0, out.height() - dy,
+        [&](std::int64_t row) {
+          const int y = int(row);
+          for (int x = 0; x + dx < out.width(); ++x) {
+            if (mean) mean->set_rgb(x, y, from.rgb(x, y) - to.rgb(x + dx, y + dy));
+            if (variance) variance->set_rgb(x, y, from_variance->rgb(x, y) + to_variance->rgb(x + dx, y + dy));
+          }
+        },
+        16);
   };
   join(prefix + "grad.x", kRight, kLeft, 1, 0);
   join(prefix + "grad.y", kDown, kUp, 0, 1);
@@ -137,10 +203,12 @@ void join_gradients(const std::string& prefix, Frame& out) {
 
 Rgb replay_gradients(const FrameContext& context, const GradientOptions& options, const BadSample& sample) {
   const CameraSample camera = camera_sample(context, sample.numbers, sample.x, sample.y, sample.sample);
-  ShiftObserver shifts(context, options.path, options.roughness_threshold, camera,
+  const FrameContext& now = context.at(camera.time);
+  ShiftObserver shifts(now, options.path, options.roughness_threshold, camera,
                        inside(context.settings, sample.x, sample.y));
   std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
-  const Rgb radiance = trace_path(context, options.path, camera, {}, classes, false, shifts).radiance * camera.weight;
+  const Rgb radiance =
+      trace_path(now, options.path, camera, {}, classes, Features::kNone, shifts).radiance * camera.weight;
   for (std::size_t j = 0; j < 4 && is_finite(radiance); ++j) {
     if (!is_finite(shifts.g(j))) return shifts.g(j);
   }
@@ -171,7 +239,7 @@ bool GradientBatches::render(const FrameContext& context, const GradientOptions&
       taken_[i] += wanted_[i];
     }
   }
-  film.write(out);
+  film.write(out, !last());
   if (last()) {
     lock.lock();
     tiles_.erase({tile.y0, tile.x0});

@@ -21,13 +21,18 @@ class GradientPathIntegrator final : public Integrator {
   std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
     check_gradient_settings(settings, "gradient_path");
     plan_batches(options_.adaptive, settings.spp);
-    static const std::vector<std::string> more{"grad.x", "grad.y", "grad.x.var", "grad.y.var"};
-    std::vector<LayerDesc> result = film_outputs(settings, "gradient_path", more);
+    std::vector<LayerDesc> result = film_outputs(settings, "gradient_path", gradient_layer_names("", 2));
     add_missing(result, {layers::grad_x(), layers::grad_y()});
+    if (options_.rare) {
+      add_missing(result, rare_layers("", 2));
+      add_missing(result, {layers::samples(), layers::object_id()});
+    }
     return result;
   }
-  std::vector<LayerDesc> work_layers(const RenderSettings& /*settings*/) const override {
-    return gradient_work_layers();
+  std::vector<LayerDesc> work_layers(const RenderSettings& settings) const override {
+    std::vector<LayerDesc> result = gradient_work_layers("", needs_variance(options_, settings, ""));
+    if (options_.rare) add_missing(result, rare_work_layers("", 2));
+    return result;
   }
   int rounds(const RenderSettings& settings) const override {
     return plan_batches(options_.adaptive, settings.spp).count;
@@ -45,7 +50,10 @@ class GradientPathIntegrator final : public Integrator {
     if (batches.render(context, options_, tile, out, counters, stop) && batches.last())
       write_motion(context, tile, out);
   }
-  void finish(const FrameContext& /*context*/, Frame& out) const override { join_gradients("", out); }
+  void finish(const FrameContext& /*context*/, Frame& out) const override {
+    join_gradients("", out);
+    if (options_.rare) keep_rare_apart(std::vector<std::string>{""}, out);
+  }
 
   Rgb replay(const FrameContext& context, const BadSample& sample) const override {
     return replay_gradients(context, options_, sample);

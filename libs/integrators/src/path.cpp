@@ -41,9 +41,9 @@ class PathIntegrator final : public Integrator {
     std::uint64_t samples = 0, rays = 0, shadow_rays = 0;
     const auto take = [&](int x, int y, int index) {
       const CameraSample camera = camera_sample(context, x, y, index);
-      const Vec3f axis = film.features() ? context.camera.axis(camera.time) : Vec3f{};
+      const Vec3f axis = film.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
       NoObserver none;
-      const SampleResult r = trace_path(context, options_, camera, axis, film.sample_classes(), film.features(), none);
+      const SampleResult r = trace_path(context.at(camera.time), options_, camera, axis, film.sample_classes(), film.features(), none);
       ++samples;
       rays += r.rays;
       shadow_rays += r.shadow_rays;
@@ -64,7 +64,8 @@ class PathIntegrator final : public Integrator {
     const CameraSample camera = camera_sample(context, sample.numbers, sample.x, sample.y, sample.sample);
     std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
     NoObserver none;
-    return trace_path(context, options_, camera, {}, classes, false, none).radiance * camera.weight;
+    return trace_path(context.at(camera.time), options_, camera, {}, classes, Features::kNone, none).radiance *
+           camera.weight;
   }
 
  private:

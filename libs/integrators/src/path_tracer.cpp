@@ -23,12 +23,12 @@ CameraSample camera_sample(const FrameContext& context, const PixelKey& key, int
   const RenderSettings& settings = context.settings;
   const SampleStream stream(settings.sampler, settings.seed, key.stream, key.x, key.y, std::uint32_t(index));
   const CameraNumbers u = stream.camera();
-  const auto turned = [](float number, int turn) {
-    if (turn == 0) return number;
-    const float sum = number + float(turn) / PixelKey::kFullTurn;
+  const auto rotated = [](float number, int rotation) {
+    if (rotation == 0) return number;
+    const float sum = number + float(rotation) / PixelKey::kFullRotation;
     return std::min(sum - std::floor(sum), 0x1.fffffep-1f);
   };
-  const auto filter = settings.filter.sample({turned(u.pixel.x, key.turn_x), turned(u.pixel.y, key.turn_y)});
+  const auto filter = settings.filter.sample({rotated(u.pixel.x, key.rotation_x), rotated(u.pixel.y, key.rotation_y)});
   const Vec2f film{float(x) + 0.5f + filter.offset.x, float(y) + 0.5f + filter.offset.y};
   const double time =
       settings.clock.exposure_time(context.frame, u.time, std::clamp(film.y / float(settings.height), 0.0f, 1.0f));
@@ -52,6 +52,15 @@ void set_footprint(const FrameContext& context, const CameraSample& camera, cons
   };
   s.duv_dx = footprint({1, 0});
   s.duv_dy = footprint({0, 1});
+}
+
+void pass_unseen(const FrameContext& context, Ray& ray, const SurfacePoint& point) {
+  Vec3f ng;
+  const Vec3f p = context.rays.position(point, ray.time, &ng);
+  const Vec3f o = context.rays.offset_origin(p, ng, ray.d);
+  ray.tmax -= dot(o - ray.o, ray.d);  // a camera's rays have unit directions
+  ray.o = o;
+  ray.tmin = 0;
 }
 
 float transmittance(const FrameContext& context, Ray ray, int edges_left) {

@@ -40,6 +40,9 @@ struct PathOptions {
   explicit PathOptions(const Params& p);
 };
 
+/// Which features of the first surface a film asks for; the albedo costs more than the others together.
+enum class Features : std::uint8_t { kNone, kGeometry, kAll };
+
 /// What the first surface of a camera ray contributes to feature layers.
 struct FirstHit {
   bool valid = false;
@@ -82,10 +85,7 @@ struct Vertex {
   const Shape* shape = nullptr;
   Bsdf bsdf;
   const Material& material() const { return *shape->material; }
-  void make_bsdf() {
-    bsdf.clear();
-    material().add_lobes(s, 1, bsdf);
-  }
+  void make_bsdf() { tempera::make_bsdf(material(), s, bsdf); }
 };
 
 /// Sets the texture footprint of a point that the camera sees: how far apart on the tangent plane the rays of
@@ -117,22 +117,35 @@ inline float mask_number(const SampleStream& stream, std::uint32_t index, int k)
   return k == 0 ? u : to_unit_float(std::uint32_t(mix64(std::bit_cast<std::uint32_t>(u) + (std::uint64_t(k) << 32))));
 }
 
+/// Moves the origin of `ray` past the surface that it meets at `point`.
+void pass_unseen(const FrameContext& context, Ray& ray, const SurfacePoint& point);
+
+/// What `ray` meets first; the origin moves past what the camera does not see, for rays that come straight from there.
+inline bool intersect_seen(const FrameContext& context, bool from_camera, Ray& ray, Hit& hit) {
+  for (int i = 0; context.rays.intersect(ray, hit); ++i) {
+    if (!from_camera || context.scene.instances[hit.point.instance].camera_visible) return true;
+    if (i == kMaxVertices) return false;
+    pass_unseen(context, ray, hit.point);
+  }
+  return false;
+}
+
 enum class EdgeEnd { kSurface, kEnvironment, kLost };
 
 /// Follows `ray` to the surface that stops it, vertex `index` of the path. `passed` counts the masks on the way,
-/// `clear` is the probability of passing them. `camera`: set for rays that come straight from there.
+/// `pass_probability` is the probability of passing them. `camera`: set for rays that come straight from there.
 inline EdgeEnd follow(const FrameContext& context, const SampleStream& stream, std::uint32_t index, Ray& ray,
-                      const CameraSample* camera, Vertex& v, int& passed, float& clear) {
-  passed = 0, clear = 1;
+                      const CameraSample* camera, Vertex& v, int& passed, float& pass_probability) {
+  passed = 0, pass_probability = 1;
   for (; passed < kMaxVertices; ++passed) {
-    if (!context.rays.intersect(ray, v.hit)) return EdgeEnd::kEnvironment;
+    if (!intersect_seen(context, camera, ray, v.hit)) return EdgeEnd::kEnvironment;
     new (&v.s) ShadingPoint(context.rays.shading_point(v.hit.point, ray.time, -ray.d));  // made in place, not copied
     v.shape = &context.rays.shape(v.hit.point);
     if (camera && v.material().needs_footprint()) set_footprint(context, *camera, v.hit.point, v.s);
     if (!context.rays.has_opacity() || !v.material().has_opacity()) return EdgeEnd::kSurface;
     const float opacity = v.material().opacity(v.s);
     if (opacity >= 1 || mask_number(stream, index, passed) < opacity) return EdgeEnd::kSurface;
-    clear *= 1 - opacity;  // no event: the path goes on as if nothing were there
+    pass_probability *= 1 - opacity;  // no event: the path goes on as if nothing were there
     ray.o = context.rays.offset_origin(v.s.p, v.s.ng, ray.d);
     ray.tmin = 0;
     ray.tmax = kInfinity;
@@ -192,8 +205,9 @@ struct Extension {
   const Vertex* to;          ///< null: the environment
   Rgb emitted;               ///< radiance that `to` sends back
   float light_pdf;           ///< with which next-event estimation at `from` would have found `to`; 0: it could not
-  float clear;               ///< probability of passing the masks on the way
+  float pass_probability;               ///< probability of passing the masks on the way
   std::uint32_t index;       ///< of `to` in the path
+  const Rgb& gathered;       ///< radiance that the path had found before it arrived at `to`
 };
 
 /// Sees nothing. An active observer has these three functions.
@@ -209,7 +223,7 @@ struct NoObserver {
 /// Traces one path. `classes`: empty, or one entry for each class and one for paths of none.
 template <class Observer>
 SampleResult trace_path(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
-                        const Vec3f& view_axis, std::span<Rgb> classes, bool features, Observer& observer) {
+                        const Vec3f& view_axis, std::span<Rgb> classes, Features features, Observer& observer) {
   const RayScene& rays = context.rays;
   const LightSampler& lights = context.lights;
   const LightPathClassifier& classifier = context.classifier;
@@ -232,25 +246,26 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
   constexpr std::size_t kKept = Observer::kActive ? 2 : 1;
   std::array<Vertex, kKept> vertices;
   BsdfSample sampled;
-  Rgb step;
+  Rgb step, gathered;
   float survival = 1;
-  const auto observe = [&](std::uint32_t index, const Vertex* to, const Rgb& emitted, float light_pdf, float clear) {
+  const auto observe = [&](std::uint32_t index, const Vertex* to, const Rgb& emitted, float light_pdf, float pass_probability) {
     if constexpr (Observer::kActive) {
       if (index == 0) {
         observer.start(to, emitted);
       } else {
         observer.extend({vertices[(index - 1) % kKept], sampled, step, survival, edges > options.rr_depth, to, emitted,
-                         light_pdf, clear, index});
+                         light_pdf, pass_probability, index, gathered});
       }
     }
   };
 
   for (std::uint32_t index = 0; edges <= options.max_depth; ++index) {
     Vertex& v = vertices[index % kKept];
+    if constexpr (Observer::kActive) gathered = tally.total;
     int passed = 0;
-    float clear = 1;
+    float pass_probability = 1;
     const EdgeEnd end =
-        follow(context, camera.stream, index, ray, seen_by_camera ? &camera : nullptr, v, passed, clear);
+        follow(context, camera.stream, index, ray, seen_by_camera ? &camera : nullptr, v, passed, pass_probability);
     result.rays += std::uint32_t(passed) + 1;
     if (end == EdgeEnd::kLost) break;
     if (options.null_counts && (edges += passed) > options.max_depth) break;
@@ -264,7 +279,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
           tally.add(state, beta * le * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1);
         }
       }
-      observe(index, nullptr, le, light_pdf, clear);
+      observe(index, nullptr, le, light_pdf, pass_probability);
       break;
     }
     if (v.material().has_absorption()) beta *= absorption(v, length(v.s.p - previous));
@@ -285,19 +300,20 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     if (seen_by_camera) {
       seen_by_camera = false;
       result.alpha = 1;
-      if (features) {
+      if (features != Features::kNone) {
         FirstHit& f = result.first;
         f.valid = true;
         f.instance = v.hit.point.instance;
-        f.normal = dot(v.s.frame.n, v.s.wo) < 0 ? -v.s.frame.n : v.s.frame.n;
+        // Normals that are bent where they face away belong to the side of the surface that is seen.
+        f.normal = dot(v.s.bends ? v.s.ng : v.s.frame.n, v.s.wo) < 0 ? -v.s.frame.n : v.s.frame.n;
         f.position = v.s.p;
         f.uv = v.s.uv;
         f.emission = emitted;
         f.depth = dot(v.s.p - camera.ray.o, view_axis);
-        for (int e = 0; e < kEventCount; ++e) f.albedo += v.bsdf.albedo(v.s.wo, Event(e));
+        if (features == Features::kAll) f.albedo = v.bsdf.albedo(v.s.wo);
       }
     }
-    observe(index, &v, emitted, light_pdf, clear);
+    observe(index, &v, emitted, light_pdf, pass_probability);
     if (edges >= options.max_depth || v.bsdf.empty()) break;
     const VertexNumbers u = camera.stream.vertex(index);
 

@@ -22,31 +22,39 @@ PixelView view_pixel(const FrameContext& context, int x, int y) {
   view.time = middle(context.settings, context.frame, y);
   view.ray = context.camera.ray({float(x) + 0.5f, float(y) + 0.5f}, {0.5f, 0.5f}, view.time);
   Ray ray{view.ray.o, view.ray.d, view.ray.tmin, view.ray.tmax, view.time};
-  auto hit = context.rays.intersect(ray);
-  for (int i = 0; hit && context.rays.has_opacity() && i < kMaxVertices;
-       ++i) {  // look through what is mostly transparent
-    const Material& material = *context.rays.shape(hit->point).material;
+  const FrameContext& now = context.at(view.time);
+  const RayScene& rays = now.rays;
+  const auto next = [&]() -> std::optional<Hit> {
+    Hit hit;
+    if (!intersect_seen(now, true, ray, hit)) return std::nullopt;
+    return hit;
+  };
+  auto hit = next();
+  for (int i = 0; hit && rays.has_opacity() && i < kMaxVertices; ++i) {  // look through what is mostly transparent
+    const Material& material = *rays.shape(hit->point).material;
     if (!material.has_opacity()) break;
-    const ShadingPoint s = context.rays.shading_point(hit->point, view.time, -ray.d);
+    const ShadingPoint s = rays.shading_point(hit->point, view.time, -ray.d);
     if (material.opacity(s) >= 0.5f) break;
-    ray.o = context.rays.offset_origin(s.p, s.ng, ray.d);
+    ray.o = rays.offset_origin(s.p, s.ng, ray.d);
     ray.tmin = 0;
-    hit = context.rays.intersect(ray);
+    hit = next();
   }
   if (hit) {
     view.point = hit->point;
-    view.distance = length(context.rays.position(hit->point, view.time) - view.ray.o);
+    view.distance = length(rays.position(hit->point, view.time) - view.ray.o);
   }
   return view;
 }
 
 std::optional<PixelMotion> pixel_motion(const FrameContext& context, const PixelView& view, int step) {
+  if (context.settings.is_cut(step > 0 ? context.frame + 1 : context.frame)) return std::nullopt;
   const CameraModel& camera = context.camera;
+  const RayScene& rays = context.at(view.time).rays;
   const double now = view.time, then = now + step * context.settings.clock.frame_duration();
   PixelMotion m;
   if (view.point) {
-    const auto a = camera.project(context.rays.position(*view.point, now), now);
-    const auto b = camera.project(context.rays.position(*view.point, then), then);
+    const auto a = camera.project(rays.position(*view.point, now), now);
+    const auto b = camera.project(rays.position(*view.point, then), then);
     if (!a || !b) return std::nullopt;
     m = {b->pixel - a->pixel, b->depth - a->depth};
   } else if (const auto a = camera.project_direction(view.ray.d, now)) {
@@ -54,7 +62,7 @@ std::optional<PixelMotion> pixel_motion(const FrameContext& context, const Pixel
     if (!b) return std::nullopt;
     m = {*b - *a, 0};
   } else {  // parallel projection sees no directions: a far point instead
-    const Vec3f p = view.ray.o + view.ray.d * (1e3f * std::max(1.0f, context.rays.bounds().radius()));
+    const Vec3f p = view.ray.o + view.ray.d * (1e3f * std::max(1.0f, rays.bounds().radius()));
     const auto from = camera.project(p, now), to = camera.project(p, then);
     if (!from || !to) return std::nullopt;
     m = {to->pixel - from->pixel, 0};

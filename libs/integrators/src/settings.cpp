@@ -17,6 +17,7 @@ std::string RenderSettings::canonical() const {
       fmt::join(layers, ","), classes_are_decomposition, cryptomatte_depth);
   for (const float c : clock.shutter.curve) s += fmt::format(" {}", c);
   for (const PathClass& c : classes) s += fmt::format(" {}={}", c.name, c.expression);
+  if (!cuts.empty()) s += fmt::format(" cuts={}", fmt::join(cuts, ","));
   return s;
 }
 

@@ -15,8 +15,8 @@ void ShiftObserver::start(const Vertex* first, const Rgb& emitted) {
     camera.ray = context_.camera.ray(camera.film, camera.lens, camera.time);
     Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, camera.time};
     int passed = 0;
-    float clear = 1;
-    const EdgeEnd end = follow(context_, camera_.stream, 0, ray, &camera, o.vertex, passed, clear);
+    float pass_probability = 1;
+    const EdgeEnd end = follow(context_, camera_.stream, 0, ray, &camera, o.vertex, passed, pass_probability);
     rays_ += std::uint64_t(passed) + 1;
     Rgb offset_emitted;
     if (end == EdgeEnd::kEnvironment) {
@@ -105,6 +105,13 @@ void ShiftObserver::scatter(const Extension& e, const Rgb& f, float pdf, float j
 }
 
 void ShiftObserver::extend(const Extension& e) {
+  if (connects(e.from, e.sample.delta)) {
+    connected_ = true;
+  } else if (connected_ && !rare_) {
+    rare_ = true;
+    common_radiance_ = e.gathered;
+    for (std::size_t j = 0; j < 4; ++j) common_g_[j] = offsets_[j].g;
+  }
   beta_ *= e.step;
   if (e.to) beta_ *= absorption(*e.to, length(e.to->s.p - e.from.s.p));
   const Rgb base = beta_ * e.emitted;
@@ -182,7 +189,11 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
     visible = visibility(context_, s, wi, distance);
   }
   const float pdf = visible > 0 ? f.pdf : 0.0f;
-  const float eta = dot(wi, s.frame.n) * dot(s.wo, s.frame.n) < 0 ? std::max(o.vertex.bsdf.rough_eta(s.wo), 1e-6f) : 1;
+  float eta = 1;
+  if (dot(wi, s.frame.n) * dot(s.wo, s.frame.n) < 0) {
+    const float refracts = o.vertex.bsdf.rough_eta(s.wo);
+    if (refracts > 0) eta = refracts;  // else a reflection about a bent or mapped normal
+  }
   const bool lights = samples_lights(o.vertex.bsdf) && e.light_pdf > 0;
 
   // From here on the vertex is the next one.
@@ -207,7 +218,7 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
     return;
   }
   scatter(e, value, pdf, jacobian, eta, o);
-  o.beta *= arriving * (visible / e.clear);
+  o.beta *= arriving * (visible / e.pass_probability);
   o.g += (o.beta * emitted - base) * (1 / (base_weight + others));
   if (!e.to) {
     o.state = OffsetPath::kDead;
@@ -268,8 +279,8 @@ void ShiftObserver::copy_half_vector(const Extension& e, const Rgb& base, Offset
   Ray ray{context_.rays.offset_origin(s.p, s.ng, wi), wi, 0, kInfinity, camera_.time};
   Vertex next;
   int passed = 0;
-  float clear = 1;
-  const EdgeEnd end = follow(context_, camera_.stream, e.index, ray, nullptr, next, passed, clear);
+  float pass_probability = 1;
+  const EdgeEnd end = follow(context_, camera_.stream, e.index, ray, nullptr, next, passed, pass_probability);
   rays_ += std::uint64_t(passed) + 1;
   if (end == EdgeEnd::kLost || (end == EdgeEnd::kEnvironment) != !e.to) return fail();
   if (end == EdgeEnd::kSurface) next.make_bsdf();

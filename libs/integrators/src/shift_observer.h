@@ -44,6 +44,13 @@ class ShiftObserver {
     for (std::size_t j = 0; j < 4; ++j) offsets_[j].state = inside[j] ? OffsetPath::kFree : OffsetPath::kOutside;
   }
   const Rgb& g(std::size_t j) const { return offsets_[j].g; }
+
+  /// Whether the path is rare: it met a lobe too narrow to connect to after a surface that connects, as light does that
+  /// glass focuses onto a wall. Shifts of such paths mostly fail, so their differences are noise.
+  bool rare() const { return rare_; }
+  /// Of a rare path, radiance and contributions to the differences from before it became one.
+  const Rgb& common_radiance() const { return common_radiance_; }
+  const Rgb& common_g(std::size_t j) const { return common_g_[j]; }
   std::uint64_t rays() const { return rays_; }
 
   void start(const Vertex* first, const Rgb& emitted);
@@ -69,6 +76,9 @@ class ShiftObserver {
   Rgb beta_{1.0f};  ///< of the base path
   std::array<OffsetPath, 4> offsets_;
   std::uint64_t rays_ = 0;
+  bool connected_ = false, rare_ = false;  ///< connected_: a surface that connects was met
+  Rgb common_radiance_;
+  std::array<Rgb, 4> common_g_;
 };
 
 }  // namespace tempera

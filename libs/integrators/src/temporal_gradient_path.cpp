@@ -49,23 +49,20 @@ class TemporalGradientPathIntegrator final : public Integrator {
   std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
     check_gradient_settings(settings, "temporal_gradient_path");
     if (!settings.seed_per_frame) {
-      throw Error(
-          ErrorCode::kUnsupported,
+      throw SettingError(
+          ErrorCode::kUnsupported, "sampling.seed_per_frame",
           "the integrator \"temporal_gradient_path\" replays the numbers of the frame before: every frame needs "
           "its own (sampling.seed_per_frame = true)");
     }
     if (settings.spp < 2) {
-      throw Error(
-          ErrorCode::kOutOfRange,
+      throw SettingError(
+          ErrorCode::kOutOfRange, "sampling.spp",
           "the integrator \"temporal_gradient_path\" divides the samples among two passes: spp must be at least 2");
     }
     plan_batches(options_.adaptive, base_samples(settings));
     static const std::vector<std::string> more = [] {
-      std::vector<std::string> names;
-      for (const char* prefix : {"", "offset."}) {
-        for (const char* name : {"grad.x", "grad.y", "grad.x.var", "grad.y.var"})
-          names.push_back(std::string(prefix) + name);
-      }
+      std::vector<std::string> names = gradient_layer_names("", 1);
+      for (std::string& name : gradient_layer_names(kOffset, 1)) names.push_back(std::move(name));
       for (const char* name :
            {"offset.color", "offset.color.a", "offset.color.b", "offset.color.var", "offset.samples", "offset.source"})
         names.push_back(name);
@@ -76,16 +73,24 @@ class TemporalGradientPathIntegrator final : public Integrator {
                          layers::motion_backward(), layers::offset(layers::color()), layers::offset(layers::grad_x()),
                          layers::offset(layers::grad_y()), layers::offset(layers::samples()),
                          layers::offset(layers::source())});
+    if (options_.rare) {
+      add_missing(result, rare_layers("", 1));
+      add_missing(result, rare_layers(kOffset, 1));
+      add_missing(result, {layers::object_id()});
+    }
     return result;
   }
-  std::vector<LayerDesc> work_layers(const RenderSettings& /*settings*/) const override {
-    std::vector<LayerDesc> result = gradient_work_layers();
-    for (LayerDesc& d : gradient_work_layers(kOffset)) result.push_back(std::move(d));
+  std::vector<LayerDesc> work_layers(const RenderSettings& settings) const override {
+    std::vector<LayerDesc> result;
+    for (const std::string& prefix : {std::string(), kOffset}) {
+      add_missing(result, gradient_work_layers(prefix, needs_variance(options_, settings, prefix)));
+      if (options_.rare) add_missing(result, rare_work_layers(prefix, 1));
+    }
     return result;
   }
 
   int frames_before() const override { return 1; }
-  std::vector<std::string> carried() const override {
+  std::vector<std::string> layers_for_next_frame() const override {
     if (options_.adaptive.mode == AdaptiveOptions::Mode::kOff) return {};
     return {layers::samples().name};
   }
@@ -95,7 +100,7 @@ class TemporalGradientPathIntegrator final : public Integrator {
   std::unique_ptr<FramePlan> prepare(const FrameContext& context, const FrameContext* before,
                                      const Frame* rendered) const override {
     auto plan = std::make_unique<ReplayPlan>(context, options_);
-    if (!context.for_next) plan->map = make_replay_map(*before, context);
+    if (!context.only_for_next_frame) plan->map = make_replay_map(*before, context);
     if (rendered) plan->samples_before = rendered->layer(layers::samples().name);
     return plan;
   }
@@ -107,13 +112,14 @@ class TemporalGradientPathIntegrator final : public Integrator {
               std::stop_token stop) const override {
     auto& plan = *static_cast<ReplayPlan*>(context.plan);
     if (!plan.base.render(context, options_, tile, out, counters, stop)) return;
-    if (!plan.base.last() || context.for_next) return;
+    if (!plan.base.last() || context.only_for_next_frame) return;
     if (!render_offset(context, plan, tile, out, counters, stop)) return;
     write_motion(context, tile, out);
   }
   void finish(const FrameContext& /*context*/, Frame& out) const override {
     join_gradients("", out);
     join_gradients(kOffset, out);
+    if (options_.rare) keep_rare_apart(std::vector<std::string>{"", kOffset}, out);
   }
 
   Rgb replay(const FrameContext& context, const BadSample& sample) const override {
@@ -138,8 +144,8 @@ class TemporalGradientPathIntegrator final : public Integrator {
         PixelKey key{context.frame + kFillStreams, x, y};
         if (replayed) {
           key = {context.frame - 1, sx, sy};
-          key.turn_x = turn(context.settings.filter, from.residue.x);
-          key.turn_y = turn(context.settings.filter, from.residue.y);
+          key.rotation_x = rotation(context.settings.filter, from.residue.x);
+          key.rotation_y = rotation(context.settings.filter, from.residue.y);
         }
         const int count = replayed && !plan.samples_before.empty() ? int(plan.samples_before.at(sx - x0, sy - y0))
                                                                    : offset_samples(context.settings);
@@ -156,9 +162,9 @@ class TemporalGradientPathIntegrator final : public Integrator {
   /// leave it on one side come back on the other, so that the density stays even. In units of PixelKey. Beyond [Manzi
   /// 2016], where matter moves against the pixel by what rounding leaves over. Other filters are not even: turned by
   /// what is right in their middle, samples further out stray more than without.
-  int turn(const PixelFilter& filter, float residue) const {
+  int rotation(const PixelFilter& filter, float residue) const {
     if (!subpixel_motion_ || filter.kind() != FilterKind::kBox) return 0;
-    return int(std::lround(residue / (2 * filter.radius()) * PixelKey::kFullTurn));
+    return int(std::lround(residue / (2 * filter.radius()) * PixelKey::kFullRotation));
   }
 
   GradientOptions options_;

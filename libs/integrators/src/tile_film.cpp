@@ -25,8 +25,8 @@ std::vector<LayerDesc> film_outputs(const RenderSettings& settings, std::string_
   for (const std::string& name : settings.layers) {
     const auto desc = layers::find(name);
     if (!desc || (std::find(known.begin(), known.end(), name) == known.end() && !name.starts_with("CryptoObject"))) {
-      throw Error(
-          ErrorCode::kUnknownName,
+      throw SettingError(
+          ErrorCode::kUnknownName, "output.layers",
           fmt::format("the integrator \"{}\" cannot write the layer \"{}\"; it can write: {}, CryptoObject00..., "
                       "and a class.<name>.color for each light-path class",
                       integrator, name, fmt::join(known, ", ")));
@@ -48,6 +48,16 @@ void add_missing(std::vector<LayerDesc>& list, const std::vector<LayerDesc>& mor
   }
 }
 
+Rgb variance_of_mean(const Rgb& sum_a, int count_a, const Rgb& sum_b, int count_b) {
+  const float m = float(count_a), n = float(count_b);
+  if (count_a == 0 || count_b == 0) {
+    const Rgb mean = (sum_a + sum_b) * (1 / std::max(m + n, 1.0f));
+    return mean * mean;
+  }
+  const Rgb difference = sum_a * (1 / m) - sum_b * (1 / n);
+  return difference * difference * (m * n / sqr(m + n));
+}
+
 TileFilm::TileFilm(const FrameContext& context, const Tile& tile, const Frame& out, std::string prefix)
     : settings_(context.settings),
       tile_(tile),
@@ -57,10 +67,11 @@ TileFilm::TileFilm(const FrameContext& context, const Tile& tile, const Frame& o
       class_sums_(pixels_.size() * class_count_),
       sample_classes_(class_count_),
       cryptomatte_(out.has(prefix_ + "CryptoObject00")),
-      features_(cryptomatte_),
       ids_(cryptomatte_ ? tile.x1 - tile.x0 : 0, cryptomatte_ ? tile.y1 - tile.y0 : 0) {
-  for (const char* name : {"albedo", "normal", "depth", "position", "uv", "emission"})
-    features_ |= out.has(prefix_ + name);
+  for (const char* name : {"normal", "depth", "position", "uv", "emission"}) {
+    if (cryptomatte_ || out.has(prefix_ + name)) features_ = Features::kGeometry;
+  }
+  if (out.has(prefix_ + "albedo")) features_ = Features::kAll;
   if (cryptomatte_) {
     for (const std::string& name : cryptomatte_names(context.scene)) instance_ids_.push_back(cryptomatte_id(name));
   }
@@ -138,14 +149,7 @@ void TileFilm::write(Frame& out) const {
       if (color->channels() > 3) color->at(ox, oy, 3) = p.alpha * inv;
       if (half_a) half_a->set_rgb(ox, oy, p.count_a ? p.sum_a * (1 / float(p.count_a)) : Rgb(0.0f));
       if (half_b) half_b->set_rgb(ox, oy, p.count_b ? p.sum_b * (1 / float(p.count_b)) : Rgb(0.0f));
-      if (variance) {
-        Rgb v;
-        if (p.count > 1) {
-          const float n = float(p.count);
-          for (int c = 0; c < 3; ++c) v[c] = std::max(0.0f, (p.squares[c] - p.sum[c] * p.sum[c] / n) / (n * (n - 1)));
-        }
-        variance->set_rgb(ox, oy, v);
-      }
+      if (variance) variance->set_rgb(ox, oy, variance_of_mean(p.sum_a, p.count_a, p.sum_b, p.count_b));
       if (albedo) albedo->set_rgb(ox, oy, p.albedo * inv);
       if (emission) emission->set_rgb(ox, oy, p.emission * inv);
       if (normal) normal->set_vec3(ox, oy, normalize(p.normal));

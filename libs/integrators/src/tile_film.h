@@ -20,14 +20,19 @@ std::vector<LayerDesc> film_outputs(const RenderSettings& settings, std::string_
 /// Appends those of `more` that `list` lacks.
 void add_missing(std::vector<LayerDesc>& list, const std::vector<LayerDesc>& more);
 
+/// Variance of the mean of all samples of a pixel, from what its two independent halves add up to. With halves of m and
+/// n samples the square of the difference of their means is, in the mean, (m + n)^2 / (m n) times as large. The square
+/// of the mean, at least as large as the variance in the mean, if one half is empty; 0 if both are.
+Rgb variance_of_mean(const Rgb& sum_a, int count_a, const Rgb& sum_b, int count_b);
+
 /// Threads: one thread each.
 class TileFilm {
  public:
   /// Gathers what `out` has layers for, under names that begin with `prefix`.
   TileFilm(const FrameContext& context, const Tile& tile, const Frame& out, std::string prefix = "");
 
-  /// Whether samples must come with their first hit.
-  bool features() const { return features_; }
+  /// What samples must tell of their first hit.
+  Features features() const { return features_; }
   /// Room for the radiance of one sample by class, zero.
   std::span<Rgb> sample_classes();
   /// Adds sample `index` of pixel (x, y); the classes are those of sample_classes(). Returns false, and leaves the
@@ -59,7 +64,8 @@ class TileFilm {
   std::size_t class_count_;
   std::vector<Pixel> pixels_;
   std::vector<Rgb> class_sums_, sample_classes_;
-  bool cryptomatte_, features_;
+  bool cryptomatte_;
+  Features features_ = Features::kNone;
   CryptomatteBuffer ids_;
   std::vector<float> instance_ids_;
 };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // An open box with a ball under lights of every kind.
+#include "tempera/scene/light_shape.h"
 #include "test_shot.h"
 
 namespace tempera {
@@ -10,6 +11,14 @@ inline Mesh quad(const Vec3f& center, const Vec3f& s, const Vec3f& t) {
   m.positions = {center - s - t, center + s - t, center + s + t, center - s + t};
   m.uvs = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
   m.indices = {0, 1, 2, 0, 2, 3};
+  return m;
+}
+
+/// An octahedron of radius 1 that is shaded like a sphere: no mesh is coarser.
+inline Mesh coarse_ball() {
+  Mesh m;
+  m.positions = m.normals = {{1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+  m.indices = {0, 2, 4, 2, 1, 4, 1, 3, 4, 3, 0, 4, 2, 0, 5, 1, 2, 5, 3, 1, 5, 0, 3, 5};
   return m;
 }
 
@@ -45,6 +54,19 @@ struct BoxShot : TestShot {
     light.beam_width = 0.5f;
     light.node = node(Affine3d(look_at(Vec3f{-0.3f, 0.8f, 0.5f}, Vec3f{0.2f, -0.8f, 0}, Vec3f{0, 0, 1})));
     scene.lights.push_back(light);
+    return *this;
+  }
+  /// Gives the last lamp a radius.
+  BoxShot& sized(float radius) {
+    make_sphere_light(scene, int(scene.lights.size()) - 1, radius, false);
+    return *this;
+  }
+  /// A coarse ball, turned, whose shading normals are bent for the viewer.
+  BoxShot& coarse(MaterialPtr material) {
+    add(coarse_ball(), std::move(material),
+        node(Affine3d(translate(Vec3d{-0.35, -0.45, 0.2}) * rotation(axis_angle(Vec3d{1, 2, 3}, 0.7)) *
+                      scale(Vec3d{0.5, 0.5, 0.5}))));
+    scene.bend_normals = true;
     return *this;
   }
   BoxShot& sky() {

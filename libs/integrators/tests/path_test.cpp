@@ -3,8 +3,10 @@
 
 #include <cmath>
 #include <functional>
+#include <numeric>
 
-#include "test_shot.h"
+#include "box_shot.h"
+#include "tempera/scene/light_shape.h"
 
 namespace tempera {
 namespace {
@@ -483,24 +485,64 @@ TEST(Path, MasksLetLightThrough) {
   EXPECT_TRUE(PixelsEstimate(0.75 * 0.5 * 3 / kPiD / 4, lit.render().layer("color")));
 }
 
+// A sphere light over a plane, straight in front of the camera, which looks through it; a mirror shows it. The same for
+// the disk of a sun.
+TEST(Path, SizedLightsAreSeenByMirrorsAndNotByTheCamera) {
+  const auto plane = [](const MaterialPtr& material, LightType type, bool visible) {
+    TestShot shot;
+    Mesh rectangle = make_rectangle();
+    transform(rectangle, scale(Vec3d{100, 100, 1}));
+    shot.add(rectangle, material);
+    shot.orthographic(0.01f);
+    PunctualLight l;
+    l.type = type;
+    l.intensity = Rgb(3);
+    l.angle = 0.4f;
+    l.camera_visible = visible;
+    l.node = shot.node(Affine3d(look_at(Vec3f{0, 0, 2}, Vec3f{0, 0, 0}, Vec3f{0, 1, 0})));
+    shot.scene.lights = {l};
+    if (type == LightType::kPoint) make_sphere_light(shot.scene, 0, 0.5f, visible);
+    shot.settings.width = shot.settings.height = 8;
+    shot.settings.layers = {"color", "depth", "object_id"};
+    return shot.render();
+  };
+  const MaterialPtr diffuse = make_diffuse(0.5f), mirror = make_conductor({});
+  const double sphere = 3 / (kPiD * 0.25), sun = 3 / (kPiD * std::pow(std::sin(0.2), 2));
+  const Frame through = plane(diffuse, LightType::kPoint, false);
+  EXPECT_TRUE(PixelsEstimate(0.5 * 3 / kPiD / 4, through.layer("color")));
+  EXPECT_NEAR(through.layer("depth").at(3, 4), 5, 1e-4);
+  EXPECT_EQ(through.layer("object_id").at(3, 4), 1);
+  EXPECT_TRUE(PixelsEstimate(sphere, plane(mirror, LightType::kPoint, false).layer("color")));
+  const Frame seen = plane(diffuse, LightType::kPoint, true);
+  EXPECT_TRUE(PixelsEstimate(sphere, seen.layer("color")));
+  EXPECT_NEAR(seen.layer("depth").at(3, 4), 2.5, 1e-3);
+  EXPECT_EQ(seen.layer("object_id").at(3, 4), 2);
+  EXPECT_TRUE(PixelsEstimate(0.5 * 3 / kPiD, plane(diffuse, LightType::kDirectional, false).layer("color")));
+  EXPECT_TRUE(PixelsEstimate(sun, plane(mirror, LightType::kDirectional, false).layer("color")));
+}
+
 TEST(Path, VarianceLayerPredictsTheSpread) {
-  TestShot shot = furnace(0.5f, 0.5f);
-  shot.settings.layers = {"color", "color.a", "color.b", "color.var"};
-  shot.settings.spp = 32;
-  double predicted = 0, seen = 0;
-  for (int seed = 0; seed < 8; ++seed) {
-    shot.settings.seed = std::uint64_t(seed);
-    const Frame frame = shot.render();
-    for (int y = 0; y < 16; ++y) {
-      for (int x = 0; x < 16; ++x) {
-        predicted += frame.layer("color.var").rgb(x, y).g;
-        seen += sqr(frame.layer("color").rgb(x, y).g - 1);
-        const Rgb halves = (frame.layer("color.a").rgb(x, y) + frame.layer("color.b").rgb(x, y)) * 0.5f;
-        EXPECT_NEAR(halves.r, frame.layer("color").rgb(x, y).r, 1e-5);
+  for (const SamplerKind sampler : {SamplerKind::kSobol, SamplerKind::kIndependent}) {
+    TestShot shot = furnace(0.5f, 0.5f);
+    shot.settings.layers = {"color", "color.a", "color.b", "color.var"};
+    shot.settings.sampler = sampler;
+    shot.settings.spp = 32;
+    double predicted = 0, seen = 0;
+    for (int seed = 0; seed < 8; ++seed) {
+      shot.settings.seed = std::uint64_t(seed);
+      const Frame frame = shot.render();
+      for (int y = 0; y < 16; ++y) {
+        for (int x = 0; x < 16; ++x) {
+          predicted += frame.layer("color.var").rgb(x, y).g;
+          seen += sqr(frame.layer("color").rgb(x, y).g - 1);
+          const Rgb halves = (frame.layer("color.a").rgb(x, y) + frame.layer("color.b").rgb(x, y)) * 0.5f;
+          EXPECT_NEAR(halves.r, frame.layer("color").rgb(x, y).r, 1e-5);
+        }
       }
     }
+    // Of 2048 squares each: relative errors sqrt(2 / 2048) and tails.
+    EXPECT_NEAR(predicted / seen, 1, 0.15) << int(sampler);
   }
-  EXPECT_NEAR(predicted / seen, 1, 0.15);  // 2048 squared deviations: relative error sqrt(2 / 2048) and tails
 }
 
 TEST(Path, AdaptiveSamplingSpendsWhereItIsNoisy) {
@@ -534,6 +576,79 @@ TEST(Path, UnknownLayersAreNamed) {
   } catch (const Error& e) {
     EXPECT_EQ(e.code(), ErrorCode::kUnknownName);
     EXPECT_NE(std::string(e.what()).find("grad.x"), std::string::npos);
+  }
+}
+
+/// A coarse ball of `material` in a white world; radiance of the pixels that it covers wholly.
+std::vector<float> seen_of_coarse_ball(MaterialPtr material, bool bend) {
+  TestShot shot;
+  // Seen so that some facets are in view whose corners' normals are not.
+  const Basis view(normalize(Vec3f{0.75f, 0.6f, -0.3f}));
+  const Affine3d turn{
+      {view.s.x, view.t.x, view.n.x}, {view.s.y, view.t.y, view.n.y}, {view.s.z, view.t.z, view.n.z}, {}};
+  shot.add(coarse_ball(), std::move(material), shot.node(turn));
+  Environment sky;
+  sky.radiance = Rgb(1.0f);
+  sky.camera_visible = false;
+  shot.scene.environments.push_back(sky);
+  shot.orthographic(1.0f);
+  shot.scene.bend_normals = bend;
+  shot.settings.spp = 256;
+  const Frame frame = shot.render();
+  const Image& color = frame.layer("color");
+  std::vector<float> seen;
+  for (int y = 0; y < 32; ++y)
+    for (int x = 0; x < 32; ++x)
+      if (color.at(x, y, 3) == 1) seen.push_back(color.rgb(x, y).g);
+  return seen;
+}
+
+TEST(Path, BentNormalsLeaveNoBlackPatches) {
+  MetallicRoughnessParams paint;
+  paint.metallic = 0.0f, paint.roughness = 0.4f;
+  const MaterialPtr two_sided = make_metallic_roughness(paint);  // seen from inside instead of black
+  for (const MaterialPtr& m : {make_diffuse(0.8f), make_plastic({}), two_sided}) {
+    const std::vector<float> plain = seen_of_coarse_ball(m, false), bent = seen_of_coarse_ball(m, true);
+    ASSERT_GT(bent.size(), 300u);
+    if (m != two_sided) {
+      EXPECT_LT(*std::min_element(plain.begin(), plain.end()), 0.02f) << "without, there are";
+    }
+    EXPECT_GT(*std::min_element(bent.begin(), bent.end()), 0.15f);
+    EXPECT_LT(*std::max_element(bent.begin(), bent.end()), 1.05f) << "nothing gains light";
+  }
+  // A mirror shows the world everywhere: nothing of what it reflects is its own inside.
+  for (const float v : seen_of_coarse_ball(make_conductor({}), true)) EXPECT_NEAR(v, 1, 1e-3f);
+  // Glass is as it was.
+  const std::vector<float> bent = seen_of_coarse_ball(make_dielectric({}), true),
+                           plain = seen_of_coarse_ball(make_dielectric({}), false);
+  const auto mean = [](const std::vector<float>& v) {
+    return std::accumulate(v.begin(), v.end(), 0.0) / double(v.size());
+  };
+  EXPECT_NEAR(mean(bent), mean(plain), 3e-3);
+}
+
+TEST(Path, BentNormalsChangeNothingWhereNormalsFit) {
+  TestShot shot = mixed();
+  const Frame plain = shot.render();
+  shot.scene.bend_normals = true;
+  EXPECT_EQ(plain.layer("color"), shot.render().layer("color"));
+}
+
+TEST(Path, AlbedoLayerOfClearGlassIsOne) {
+  MetallicRoughnessParams solid;
+  solid.transmission = 1.0f, solid.metallic = 0.0f, solid.roughness = 0.0f, solid.thin_walled = false;
+  for (const MaterialPtr& m :
+       {make_dielectric({}), make_dielectric({1.5f, 1, 1.0f, 1.0f, true, {}}), make_metallic_roughness(solid)}) {
+    TestShot shot;
+    shot.add(quad({0, 0, 0}, {1, 0, 0}, {0, 1, 0}), m);
+    shot.orthographic(0.5f);
+    shot.scene.environments.push_back({});
+    shot.settings.spp = 4;
+    for (const bool alone : {true, false}) {
+      shot.settings.layers = {"color", "albedo"};
+      if (!alone) shot.settings.layers.push_back("normal");
+      EXPECT_NEAR(shot.render().layer("albedo").rgb(7, 9).g, 1, 1e-5f);
+    }
   }
 }
 

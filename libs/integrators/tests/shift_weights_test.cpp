@@ -118,7 +118,7 @@ class Pair {
     const auto extend = [&](ShiftObserver& o, std::size_t i, const BsdfSample& s, float q, const Vertex* to,
                             const Rgb& emitted, float light_pdf) {
       o.extend({p.vertices[i], s, s.sum() * (1 / (s.pdf * q)), q, roulette_, to, emitted, light_pdf, 1,
-                std::uint32_t(i + 1)});
+                std::uint32_t(i + 1), Rgb(0.0f)});
     };
     for (std::size_t i = 0; i < p.samples.size(); ++i) {
       const float q = survival(p.samples[i]);
@@ -151,14 +151,14 @@ class Pair {
   bool see(const CameraSample& camera, Vertex& v) const {
     Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, camera.time};
     int passed = 0;
-    float clear = 1;
-    return follow(view_.context, camera.stream, 0, ray, &camera, v, passed, clear) == EdgeEnd::kSurface && finish(v);
+    float pass_probability = 1;
+    return follow(view_.context, camera.stream, 0, ray, &camera, v, passed, pass_probability) == EdgeEnd::kSurface && finish(v);
   }
   bool go(const Vertex& from, const Vec3f& wi, Vertex& v) const {
     Ray ray{view_.rays.offset_origin(from.s.p, from.s.ng, wi), wi, 0, kInfinity, 0};
     int passed = 0;
-    float clear = 1;
-    return follow(view_.context, base_.camera.stream, 1, ray, nullptr, v, passed, clear) == EdgeEnd::kSurface &&
+    float pass_probability = 1;
+    return follow(view_.context, base_.camera.stream, 1, ray, nullptr, v, passed, pass_probability) == EdgeEnd::kSurface &&
            finish(v);
   }
   static bool finish(Vertex& v) {

@@ -9,7 +9,7 @@
 
 #include "support/effort.h"
 #include "tempera/core/parallel.h"
-#include "tempera/integrators/integrator.h"
+#include "tempera/integrators/frame_scene.h"
 
 namespace tempera {
 
@@ -55,8 +55,8 @@ struct TestShot {
     return scene.cameras.back();
   }
 
-  /// `for_next`: only what the next frame needs of this one.
-  Frame render(int frame = 0, bool for_next = false) const {
+  /// `only_for_next_frame`: only what the next frame needs of this one.
+  Frame render(int frame = 0, bool only_for_next_frame = false) const {
     validate(scene);
     Params params(find_integrator(integrator).params);
     for (std::size_t at = 0; at < parameters.size();) {
@@ -65,28 +65,19 @@ struct TestShot {
       at = end + 1;
     }
     const auto renderer = find_integrator(integrator).make(params);
-    const TimeSpan exposure = settings.clock.exposure(frame), around{exposure.begin - 1, exposure.end + 1};
     GeometryCache cache;
-    const double step = 1.0 / 16;
-    const RayScene rays(scene, exposure, around, {.motion_step = step}, cache);
-    const LightSampler lights(scene, rays);
-    const CameraModel camera(scene, settings.camera, settings.width, settings.height, around, step);
     std::vector<std::string> expressions;
     for (const PathClass& c : settings.classes) expressions.push_back(c.expression);
     const LightPathClassifier classifier(expressions);
     RenderSettings scaled = settings;
     scaled.spp *= test::effort();
-    FrameContext context{scene, rays, lights, camera, classifier, scaled, frame};
-    context.for_next = for_next;
-    const TimeSpan exposed_before = settings.clock.exposure(frame - 1);
-    const double middle = 0.5 * (exposed_before.begin + exposed_before.end);
-    const RayScene rays_before(scene, {middle, middle}, {exposed_before.begin - 1, exposed_before.end + 1},
-                               {.motion_step = step}, cache);
-    const FrameContext before{scene, rays_before, lights, camera, classifier, scaled, frame - 1};
-    std::optional<Frame> carried;
-    if (!for_next && !renderer->carried().empty()) carried = render(frame - 1, true);
+    const FrameScene frame_scene(scene, scaled, classifier, frame, 1.0 / 16, cache);
+    const PrecedingFrame before(frame_scene);
+    FrameContext context = frame_scene.context(nullptr, only_for_next_frame);
+    std::optional<Frame> layers_before;
+    if (!only_for_next_frame && !renderer->layers_for_next_frame().empty()) layers_before = render(frame - 1, true);
     const auto plan =
-        renderer->prepare(context, renderer->frames_before() ? &before : nullptr, carried ? &*carried : nullptr);
+        renderer->prepare(context, renderer->frames_before() ? &before.context() : nullptr, layers_before ? &*layers_before : nullptr);
     context.plan = plan.get();
     Frame out = make_frame(*renderer, scaled, scene);
     RenderCounters counters;

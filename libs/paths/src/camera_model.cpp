@@ -20,12 +20,13 @@ constexpr double kMaxKnots = 1e6;
 }  // namespace
 
 CameraModel::CameraModel(const Scene& scene, int index, int width, int height, TimeSpan span, double motion_step)
-    : size_(width, height), step_(motion_step) {
+    : size_(width, height) {
   TEMPERA_ASSERT(index >= 0 && index < int(scene.cameras.size()) && width > 0 && height > 0 && motion_step > 0);
   const Camera& camera = scene.cameras[std::size_t(index)];
   perspective_ = camera.projection == Projection::kPerspective;
   offset_ = Vec2d(camera.principal_offset);
   near_ = camera.near_clip, far_ = camera.far_clip;
+  aspect_ = size_.x / size_.y * camera.pixel_aspect;
   if (!(near_ >= 0 && near_ < far_)) {
     fail(scene, camera, ErrorCode::kOutOfRange,
          fmt::format("has clipping distances {} and {}; valid: 0 <= near < far", near_, far_));
@@ -33,28 +34,54 @@ CameraModel::CameraModel(const Scene& scene, int index, int width, int height, T
   if (!std::isfinite(offset_.x) || !std::isfinite(offset_.y)) {
     fail(scene, camera, ErrorCode::kOutOfRange, "has a principal offset that is not finite");
   }
-  // The grid of RayScene: a time that is meant to be a knot is that knot.
-  const double first = std::floor(span.begin / step_ + 1e-9), last = std::ceil(span.end / step_ - 1e-9);
-  if (!(last - first < kMaxKnots) || !(std::abs(first) < 1e15)) {
+  if (!(span.length() / motion_step < kMaxKnots) || !(std::abs(span.begin) / motion_step < 1e15)) {
     fail(scene, camera, ErrorCode::kOutOfRange,
-         fmt::format("would need more than {:g} poses {} s apart", kMaxKnots, step_));
+         fmt::format("would need more than {:g} poses {} s apart", kMaxKnots, motion_step));
   }
-  const TimeSpan grid{first * step_, last * step_};
-  const bool changes = scene.moves(camera.node, grid) ||
-                       (perspective_ ? camera.fov_x.varies_over(grid) : camera.width.varies_over(grid)) ||
-                       camera.aperture_radius.varies_over(grid) || camera.focus_distance.varies_over(grid);
+  const MotionGrid grid{motion_step};
+  const TimeSpan knots{grid.time(grid.first(span)), grid.time(grid.last(span))};
+  const bool changes = scene.moves(camera.node, knots) ||
+                       (perspective_ ? camera.fov_x.varies_over(knots) : camera.width.varies_over(knots)) ||
+                       camera.aperture_radius.varies_over(knots) || camera.f_stop.varies_over(knots) ||
+                       camera.focus_distance.varies_over(knots) ||
+                       (camera.focus_node >= 0 && scene.moves(camera.focus_node, knots));
   if (!changes) {
-    still_ = compose(sample(scene, camera, span.begin));
+    still_ = compose(sample(scene, camera, {span.begin, span.begin}));
     return;
   }
-  first_knot_ = std::int64_t(first);
-  const int count = int(last - first) + 1;
-  knots_.reserve(std::size_t(count));
-  for (int k = 0; k < count; ++k) knots_.push_back(sample(scene, camera, (first + k) * step_));
+  std::vector<double> jumps;
+  camera_jumps(scene, camera, span, jumps);
+  pieces_ = MotionPieces(grid, span, std::move(jumps), {span.begin, span.begin});
+  knots_.reserve(pieces_.knots().size());
+  for (const MotionPieces::Knot& at : pieces_.knots()) {
+    knots_.push_back(sample(scene, camera, at));
+    if (knots_.size() == 1) continue;
+    const MotionPieces::Knot& before = pieces_.knots()[knots_.size() - 2];
+    // A change of handedness between two poses passes through a flat one, unless it is a jump.
+    if (before.piece != at.piece || knots_.back().scale.z * knots_[knots_.size() - 2].scale.z > 0) continue;
+    fail(scene, camera, ErrorCode::kBadInput,
+         fmt::format("has a scale that passes through zero between {} s and {} s", before.time, at.time));
+  }
 }
 
-CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, double t) const {
-  const Affine3d m = scene.world(camera.node, t);
+void camera_jumps(const Scene& scene, const Camera& camera, TimeSpan span, std::vector<double>& out) {
+  for (int node = camera.node; node >= 0; node = scene.nodes[std::size_t(node)].parent) {
+    scene.nodes[std::size_t(node)].local.jumps(span, out);
+  }
+  if (camera.projection == Projection::kPerspective) {
+    camera.fov_x.jumps(span, out);
+  } else {
+    camera.width.jumps(span, out);
+  }
+  camera.aperture_radius.jumps(span, out);
+  camera.f_stop.jumps(span, out);
+  camera.focus_distance.jumps(span, out);
+  scene.jumps(camera.focus_node, span, out);
+}
+
+CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, const MotionPieces::Knot& at) const {
+  const double t = at.time, piece = at.piece;
+  const Affine3d m = scene.world(camera.node, t, piece);
   const double largest = std::max({length(m.x), length(m.y), length(m.z)});
   const bool regular = is_finite(m.x) && is_finite(m.y) && is_finite(m.z) && is_finite(m.translation) &&
                        std::abs(m.determinant()) > 1e-9 * largest * largest * largest;
@@ -73,21 +100,29 @@ CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, 
   };
   constexpr double kHuge = 1e18;
   const double half_width =
-      perspective_ ? std::tan(in_range(camera.fov_x.at(t), 0, kPiD, "a horizontal field of view of", "0 to pi") / 2)
-                   : in_range(camera.width.at(t), 0, kHuge, "a width of", "above 0") / 2;
-  const double aspect = size_.x / size_.y;
+      perspective_ ? std::tan(in_range(camera.fov_x.at(t, piece), 0, kPiD, "a horizontal field of view of", "0 to pi") / 2)
+                   : in_range(camera.width.at(t, piece), 0, kHuge, "a width of", "above 0") / 2;
   if (camera.keep_vertical_fov) {
     k.half_height = half_width / in_range(camera.authored_aspect, 0, kHuge, "an aspect ratio of", "above 0");
-    k.half_width = k.half_height * aspect;
+    k.half_width = k.half_height * aspect_;
   } else {
     k.half_width = half_width;
-    k.half_height = half_width / aspect;
+    k.half_height = half_width / aspect_;
   }
-  if (perspective_) {
-    k.aperture = in_range(camera.aperture_radius.at(t), -1e-30, kHuge, "an aperture radius of", "0 or more");
-    k.focus = camera.focus_distance.at(t);
-    if (k.aperture > 0) in_range(k.focus, 0, kHuge, "a focus distance of", "above 0");
+  const double f_stop = in_range(camera.f_stop.at(t, piece), -1e-30, kHuge, "an f-stop of", "0 or more");
+  k.aperture = in_range(camera.aperture_radius.at(t, piece), -1e-30, kHuge, "an aperture radius of", "0 or more");
+  if (f_stop > 0) {
+    const bool across = camera.sensor_fit == SensorFit::kHorizontal ||
+                        (camera.sensor_fit == SensorFit::kAuto && k.half_width >= k.half_height);
+    const double focal_length = perspective_ ? in_range(camera.sensor_size, 0, kHuge, "a sensor size of", "above 0") /
+                                                   (2 * (across ? k.half_width : k.half_height))
+                                             : 1.0;
+    k.aperture = focal_length / (2 * f_stop);
   }
+  k.focus = camera.focus_node < 0
+                ? camera.focus_distance.at(t)
+                : std::abs(dot(scene.world(camera.focus_node, t).translation - m.translation, normalize(m.z)));
+  if (k.aperture > 0) in_range(k.focus, 0, kHuge, "a focus distance of", "above 0");
   return k;
 }
 
@@ -107,14 +142,11 @@ CameraModel::Pose CameraModel::compose(const Knot& k) const {
 }
 
 CameraModel::Pose CameraModel::interpolate(double t) const {
-  const double x = t / step_ - double(first_knot_);
-  const double base = std::clamp(std::floor(x + 1e-9), 0.0, double(knots_.size() - 1));
-  const double s = std::clamp(x - base, 0.0, 1.0);
-  const std::size_t i = std::size_t(base);
-  if (s == 0 || i + 1 == knots_.size()) return compose(knots_[i]);
+  const auto [i, s] = pieces_.locate(t);
+  if (s == 0) return compose(knots_[i]);
   const Knot &a = knots_[i], &b = knots_[i + 1];
-  const auto mix = [&](double u, double v) { return u + (v - u) * s; };  // exactly u if both are equal
-  const auto mix3 = [&](const Vec3d& u, const Vec3d& v) { return u + (v - u) * s; };
+  const auto mix = [s = s](double u, double v) { return u + (v - u) * s; };  // exactly u if both are equal
+  const auto mix3 = [s = s](const Vec3d& u, const Vec3d& v) { return u + (v - u) * s; };
   return compose({mix3(a.translation, b.translation),
                   a.rotation == b.rotation ? a.rotation : slerp(a.rotation, b.rotation, s), mix3(a.scale, b.scale),
                   mix3(a.skew, b.skew), mix(a.half_width, b.half_width), mix(a.half_height, b.half_height),
@@ -128,14 +160,15 @@ CameraRay CameraModel::ray(const Vec2f& pixel, const Vec2f& lens, double t) cons
     const double x = (1 - 2 * (pixel.x / size_.x - offset_.x)) * p.half_width;
     const double y = (1 - 2 * (pixel.y / size_.y - offset_.y)) * p.half_height;
     CameraRay r;
-    if (!perspective_) {
+    if (!perspective_ && !(p.aperture > 0)) {
       r.o = Vec3f(m.translation + m.x * x + m.y * y);
       r.d = Vec3f(m.z);
       r.tmin = float(near_), r.tmax = float(far_);
       return r;
     }
-    Vec3d d = m.vector({x, y, 1});  // to the plane at distance 1 from the lens
-    Vec3d o = m.translation;
+    // To the plane at distance 1 from the lens.
+    Vec3d d = perspective_ ? m.vector({x, y, 1}) : m.z;
+    Vec3d o = perspective_ ? m.translation : m.translation + m.x * x + m.y * y;
     if (p.aperture > 0) {
       const Vec2f disk = square_to_disk(lens);
       const Vec3d offset = p.lens_x * (disk.x * p.aperture) + p.lens_y * (disk.y * p.aperture);
@@ -150,8 +183,10 @@ CameraRay CameraModel::ray(const Vec2f& pixel, const Vec2f& lens, double t) cons
   });
 }
 
-Vec2f CameraModel::to_pixel(double x, double y) const {
-  return {float(size_.x * (0.5 - 0.5 * x + offset_.x)), float(size_.y * (0.5 - 0.5 * y + offset_.y))};
+std::optional<Vec2f> CameraModel::to_pixel(double x, double y) const {
+  const double reach = kReach * std::max(size_.x, size_.y);
+  if (!(std::abs(0.5 * x * size_.x) <= reach && std::abs(0.5 * y * size_.y) <= reach)) return std::nullopt;
+  return Vec2f{float(size_.x * (0.5 - 0.5 * x + offset_.x)), float(size_.y * (0.5 - 0.5 * y + offset_.y))};
 }
 
 std::optional<CameraModel::Projected> CameraModel::project(const Vec3f& point, double t) const {
@@ -160,7 +195,9 @@ std::optional<CameraModel::Projected> CameraModel::project(const Vec3f& point, d
     const Vec3d local = inverse(Affine3d{m.x, m.y, m.z}).vector(Vec3d(point) - m.translation);
     if (perspective_ && !(local.z > 0)) return std::nullopt;
     const double scale = perspective_ ? 1 / local.z : 1;
-    return Projected{to_pixel(local.x * scale / p.half_width, local.y * scale / p.half_height), float(local.z)};
+    const auto pixel = to_pixel(local.x * scale / p.half_width, local.y * scale / p.half_height);
+    if (!pixel) return std::nullopt;
+    return Projected{*pixel, float(local.z)};
   });
 }
 

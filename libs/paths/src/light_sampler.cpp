@@ -32,7 +32,6 @@ struct AreaLight {
   float fixed_pdf_area = 0;          // 1 / area where the surface never moves; 0: ask at the time
   std::vector<FixedTriangle> fixed;  // of a mesh that never moves
   int analytic = -1;                 // index of the geometry variant: 1 sphere, 2 disk, 3 cylinder
-  Affine3f object_from_unit;
 };
 
 /// Piecewise constant density over the texels of a latitude-longitude picture.
@@ -43,6 +42,45 @@ struct EnvironmentMap {
   Place place;
 };
 
+bool is_directed(const AreaEmission& e) { return e.half_spread < kPi / 2 || e.spot; }
+
+/// Light through a grid of slats that hide everything beyond `half_spread` radians from the normal: 1 - tan /
+/// tan(spread) of a direction passes. Scaled so that the power stays: the mean over cosine-weighted directions is 1 -
+/// spread / tan(spread).
+float spread_factor(float half_spread, float cosine) {
+  if (!(half_spread < kPi / 2)) return 1;
+  const float tan_spread = std::tan(half_spread);
+  const float tangent = std::sqrt(std::max(0.0f, 1 - cosine * cosine)) / std::max(cosine, 1e-6f);
+  // tan(a) - a cancels for small angles.
+  const float a2 = half_spread * half_spread;
+  const float norm = half_spread < 0.1f ? half_spread * a2 * (1 / 3.0f + a2 * (2 / 15.0f + a2 * (17 / 315.0f)))
+                                        : tan_spread - half_spread;
+  return std::max(0.0f, tan_spread - tangent) / norm;
+}
+
+/// How much of its intensity a spot sends in a direction, in its own frame with z the axis.
+Rgb spot_factor(const PunctualLight& light, const Vec3f& local, double t) {
+  if (local.z <= 0) return Rgb(0.0f);
+  const float cutoff = light.cutoff_angle.at(t), beam = std::min(light.beam_width.at(t), cutoff);
+  float falloff = 1;
+  if (light.falloff == SpotFalloff::kLinear) {
+    if (local.z < std::cos(beam)) {
+      falloff = std::clamp((cutoff - std::acos(local.z)) / std::max(1e-6f, cutoff - beam), 0.0f, 1.0f);
+    }
+  } else {
+    const float inner = std::cos(beam), outer = std::cos(cutoff);
+    const bool gltf = light.falloff == SpotFalloff::kSquared;  // KHR_lights_punctual, "Inner and Outer Cone Angles"
+    const float x = std::clamp((local.z - outer) / std::max(gltf ? 1e-3f : 1e-6f, inner - outer), 0.0f, 1.0f);
+    falloff = gltf ? sqr(x) : x * x * (3 - 2 * x);
+  }
+  if (falloff <= 0 || !light.texture) return Rgb(falloff);
+  ShadingPoint s;
+  s.time = t;
+  const float k = 0.5f / (local.z * std::tan(cutoff));
+  s.uv = {0.5f + k * local.x, 0.5f + k * local.y};
+  return light.texture->rgb(s) * falloff;
+}
+
 }  // namespace
 
 struct LightSampler::Impl {
@@ -52,7 +90,27 @@ struct LightSampler::Impl {
   std::vector<EnvironmentMap> environments;
   std::unordered_map<std::uint64_t, std::uint32_t> area_index;  // (instance, shape) -> areas
   LightChoice choice;                                           // areas, then punctual lights, then environments
-  double reference_time = 0;
+  TimeSpan span;              // of the rays
+  double reference_time = 0;  // its middle
+
+  /// Means over the span of what changes within it: a light that is off in the middle may shine at its ends. Keys are
+  /// looked at, and some times between.
+  template <class F, class... T>
+  float mean_over_span(F&& value, const Animated<T>&... sources) const {
+    constexpr int kTimes = 8;
+    if ((!sources.varies_over(span) && ...)) return value(reference_time);
+    double sum = 0;
+    int count = 0;
+    const auto add = [&](double t) { sum += value(t), ++count; };
+    for (int i = 0; i <= kTimes; ++i) add(span.begin + span.length() * i / kTimes);
+    const auto add_keys = [&](const auto& source) {
+      for (const double t : source.times()) {
+        if (span.contains(t)) add(t);
+      }
+    };
+    (add_keys(sources), ...);
+    return float(sum / count);
+  }
 
   std::vector<Place> punctual_places;
   Place place(int node) const {
@@ -113,6 +171,33 @@ struct LightSampler::Impl {
   }
   std::size_t first_environment() const { return areas.size() + scene->lights.size(); }
 
+  static constexpr std::size_t kNone = ~std::size_t(0);
+  /// A directional light that comes from a disk of the sky, evenly: the directions of a cone.
+  struct Sun {
+    std::size_t light = 0;              // Scene::lights index
+    float one_minus_cos = 0, sin2 = 0;  // of half of its angle
+  };
+  std::vector<Sun> suns;
+  /// Radiance that gives the light's irradiance on a surface that faces the middle of the disk: E / (pi sin^2).
+  Rgb radiance(const Sun& sun, double t) const {
+    const PunctualLight& light = scene->lights[sun.light];
+    return light.intensity.at(t) * (light.intensity_scale.at(t) * kInvPi / sun.sin2);
+  }
+  float pdf(const Sun& sun) const { return 0.5f * kInvPi / sun.one_minus_cos; }
+  /// Towards the middle of the disk.
+  Vec3f direction(const Sun& sun, double t) const { return -normalize(world(punctual_places[sun.light], t).z); }
+  bool contains(const Sun& sun, const Vec3f& d, double t) const {
+    const Vec3f middle = direction(sun, t);
+    // 1 - cos of small angles needs the difference: |d - m|^2 = 2 (1 - cos).
+    return length_squared(d - middle) <= 2 * sun.one_minus_cos * (1 + 1e-4f);  // as sampled, rounding included
+  }
+  const Sun* sun_of(std::size_t light) const {
+    for (const Sun& s : suns) {
+      if (s.light == light) return &s;
+    }
+    return nullptr;
+  }
+
   /// Center and radius if the light is a sphere under a similarity at time t.
   struct RoundSphere {
     Vec3f center;
@@ -126,7 +211,7 @@ struct LightSampler::Impl {
     return RoundSphere{m.translation, a};
   }
   Affine3f world_from_unit(const AreaLight& light, double t) const {
-    return rays->world_from_object(light.instance, light.shape, t) * light.object_from_unit;
+    return rays->world_from_unit(light.instance, light.shape, t);
   }
 
   float pdf_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& ng, double t) const;
@@ -134,7 +219,9 @@ struct LightSampler::Impl {
   // except for environments, which are one light.
   bool sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u, LightSample& r) const;
   bool from_area(const AreaLight& light, const Vec3f& p, double t, LightSample& r) const;
-  bool from_environment(std::size_t index, const MapPoint& at, const Vec3f& p, double t, LightSample& r) const;
+  /// `index`: of the environment in whose picture `at` lies; kNone: of none.
+  bool from_infinity(std::size_t index, const MapPoint& at, const Vec3f& p, double t, LightSample& r) const;
+  Rgb directed(const AreaEmission& emission, const Vec3f& ng, const Vec3f& wo, double t) const;
   bool from_punctual(std::size_t index, const Vec3f& p, double t, LightSample& r) const;
   std::optional<float> cap_pdf(const AreaLight& light, const Vec3f& q, const Vec3f& p, double t) const;
   float area_of(const AreaLight& light, double t) const;
@@ -144,10 +231,10 @@ struct LightSampler::Impl {
 LightSampler::LightSampler(LightSampler&&) noexcept = default;
 LightSampler::~LightSampler() = default;
 bool LightSampler::empty() const { return impl_->choice.empty(); }
-bool LightSampler::has_environment() const { return !impl_->environments.empty(); }
+bool LightSampler::has_environment() const { return !impl_->environments.empty() || !impl_->suns.empty(); }
 
 float LightSampler::Impl::area_of(const AreaLight& light, double t) const {
-  if (light.mesh) return float(light.triangles.total());
+  if (light.mesh) return float(light.triangles.total());  // mean over the span
   const Affine3f m = world_from_unit(light, t);
   // Scale factor by the geometric mean: exact for similarities; only steers the choice of lights otherwise.
   const float scale = std::cbrt(std::abs(m.determinant()));
@@ -170,7 +257,7 @@ LightReach LightSampler::Impl::reach_of(const AreaLight& light, float radiance) 
     for (int i = 0; i < 8; ++i) box.extend(m.point({i & 1 ? 1.0f : -1.0f, i & 2 ? 1.0f : -1.0f, i & 4 ? 1.0f : -1.0f}));
   }
   return {.constant = 0,
-          .near = radiance * area_of(light, reference_time),
+          .near = radiance * area_of(light, reference_time) * spread_factor(light.emission->half_spread, 1),
           .center = box.center(),
           .radius = std::max(box.radius(), 1e-6f * rays->bounds().radius())};
 }
@@ -179,7 +266,8 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
   Impl& s = *impl_;
   s.scene = &scene;
   s.rays = &rays;
-  s.reference_time = 0.5 * (rays.rays().begin + rays.rays().end);
+  s.span = rays.rays();
+  s.reference_time = 0.5 * (s.span.begin + s.span.end);
   std::vector<float> powers;
   std::vector<LightReach> reaches;
   for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
@@ -189,18 +277,22 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
     for (const int shape_index : scene.groups[std::size_t(instance.group)]) {
       const Shape& shape = scene.shapes[std::size_t(shape_index)];
       if (!shape.emission) continue;
-      const Rgb mean_radiance = shape.emission->radiance.mean(s.reference_time);
-      const bool varying = !shape.emission->radiance.factor.is_constant();
-      if (!varying && !(max_component(mean_radiance) > 0)) continue;
+      const Slot& emitted = shape.emission->radiance;
+      const float radiance = s.mean_over_span(
+          [&](double t) { return std::max(0.0f, luminance(emitted.mean(t))); }, emitted.factor);
+      if (!(radiance > 0)) continue;
       AreaLight light;
       light.instance = i;
       light.shape = std::uint32_t(shape_index);
       light.emission = &*shape.emission;
       light.mesh = std::get_if<Mesh>(&shape.geometry);
       if (light.mesh) {
+        // Over the span, where it may be flat at any one time.
+        std::vector<double> times{s.reference_time};
+        if (moving || light.mesh->deforms()) times = {s.span.begin, s.reference_time, s.span.end};
         std::vector<float> areas(light.mesh->triangle_count());
         for (std::uint32_t k = 0; k < areas.size(); ++k) {
-          areas[k] = rays.triangle_area(i, light.shape, k, s.reference_time);
+          for (const double t : times) areas[k] += rays.triangle_area(i, light.shape, k, t) / float(times.size());
         }
         light.triangles = Discrete(areas);
         if (!(light.triangles.total() > 0)) continue;
@@ -216,19 +308,9 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
         }
       } else {
         light.analytic = int(shape.geometry.index());
-        light.object_from_unit = std::visit(
-            [](const auto& g) -> Affine3f {
-              if constexpr (requires { g.object_from_unit; }) return g.object_from_unit;
-              return {};
-            },
-            shape.geometry);
-        // A static analytic shape is placed in world space already; world_from_unit needs the instance's own transform.
-        if (!moving && rays.world_from_object(i, light.shape, s.reference_time) == Affine3f{}) {
-          light.object_from_unit = Affine3f(scene.world(instance.node, s.reference_time)) * light.object_from_unit;
-        }
       }
-      reaches.push_back(s.reach_of(light, luminance(mean_radiance)));
-      powers.push_back(kPi * luminance(mean_radiance) * s.area_of(light, s.reference_time) *
+      reaches.push_back(s.reach_of(light, radiance));
+      powers.push_back(kPi * radiance * s.area_of(light, s.reference_time) *
                        (light.emission->two_sided ? 2.0f : 1.0f));
       s.area_index[(std::uint64_t(i) << 32) | light.shape] = std::uint32_t(s.areas.size());
       s.areas.push_back(std::move(light));
@@ -237,10 +319,16 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
   const float radius = std::max(rays.bounds().radius(), 1e-6f);
   for (const PunctualLight& light : scene.lights) {
     s.punctual_places.push_back(s.place(light.node));
-    const float intensity =
-        luminance(light.intensity.at(s.reference_time)) * light.intensity_scale.at(s.reference_time);
-    const float cone = 2 * kPi * (1 - std::cos(light.cutoff_angle.at(s.reference_time)));
+    const float intensity = s.mean_over_span(
+        [&](double t) { return std::max(0.0f, luminance(light.intensity.at(t)) * light.intensity_scale.at(t)); },
+        light.intensity, light.intensity_scale);
+    const float cone = s.mean_over_span([&](double t) { return 2 * kPi * (1 - std::cos(light.cutoff_angle.at(t))); },
+                                        light.cutoff_angle);
     const bool shown = scene.visible(light.node, s.reference_time);
+    if (shown && light.type == LightType::kDirectional && light.angle > 0) {
+      const float half = 0.5f * light.angle, sine = std::sin(0.5f * half);
+      s.suns.push_back({s.punctual_places.size() - 1, 2 * sine * sine, sqr(std::sin(half))});
+    }
     LightReach reach;
     if (shown && light.type == LightType::kDirectional) reach.constant = intensity;
     if (shown && light.type != LightType::kDirectional) {
@@ -290,7 +378,10 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
       e.rows = Discrete(row_sums);
       mean_luminance = sum / norm;
     }
-    const float radiance = float(mean_luminance) * luminance(environment.radiance.at(s.reference_time));
+    const float radiance =
+        float(mean_luminance) *
+        s.mean_over_span([&](double t) { return std::max(0.0f, luminance(environment.radiance.at(t))); },
+                         environment.radiance);
     reaches.push_back({.constant = kPi * radiance, .near = 0, .center = {}, .radius = 0});
     powers.push_back(radiance * 4 * kPi * kPi * sqr(radius));
     s.environments.push_back(std::move(e));
@@ -317,6 +408,17 @@ float LightSampler::Impl::pdf_area(const AreaLight& light, const SurfacePoint& p
   const float stretch = std::abs(m.determinant()) / length(unit_normal);
   const float unit_area = light.analytic == 1 ? 4 * kPi : light.analytic == 2 ? kPi : 2 * kPi;
   return 1 / (unit_area * stretch);
+}
+
+/// How much of its radiance a surface with normal ng sends in unit direction wo.
+Rgb LightSampler::Impl::directed(const AreaEmission& emission, const Vec3f& ng, const Vec3f& wo, double t) const {
+  Rgb factor(spread_factor(emission.half_spread, std::abs(dot(ng, wo))));
+  if (emission.spot) {
+    const Affine3f m(scene->world(emission.spot->node, t));
+    factor *=
+        spot_factor(*emission.spot, {dot(wo, normalize(m.x)), dot(wo, normalize(m.y)), dot(wo, normalize(m.z))}, t);
+  }
+  return factor;
 }
 
 inline bool LightSampler::Impl::sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u,
@@ -400,12 +502,14 @@ inline bool LightSampler::Impl::from_area(const AreaLight& light, const Vec3f& p
   if (cosine < 0 && !light.emission->two_sided) return true;
   const Slot& slot = light.emission->radiance;
   r.radiance = slot.is_constant() ? slot.factor.values()[0] : slot.rgb(rays->shading_point(point, t, -r.wi));
+  if (is_directed(*light.emission)) r.radiance *= directed(*light.emission, ng, -r.wi, t);
   return true;
 }
 
-/// Light from the direction of a point in the picture of environment `index`; the others shine from there, too.
-bool LightSampler::Impl::from_environment(std::size_t index, const MapPoint& at, const Vec3f& p, double t,
-                                          LightSample& r) const {
+/// Light from the direction of a point in the picture of environment `index`; the others, and suns, shine from there,
+/// too.
+bool LightSampler::Impl::from_infinity(std::size_t index, const MapPoint& at, const Vec3f& p, double t,
+                                       LightSample& r) const {
   r.wi = at.d;
   r.distance = kInfinity;
   for (std::size_t i = 0; i < environments.size(); ++i) {
@@ -413,6 +517,11 @@ bool LightSampler::Impl::from_environment(std::size_t index, const MapPoint& at,
     const MapPoint here = i == index ? at : map_point(e, at.d, t);
     r.radiance += radiance(e, here, t);
     r.pdf += choice.probability(p, std::uint32_t(first_environment() + i)) * pdf(e, here);
+  }
+  for (const Sun& s : suns) {
+    if (!contains(s, at.d, t)) continue;
+    r.radiance += radiance(s, t);
+    r.pdf += choice.probability(p, std::uint32_t(areas.size() + s.light)) * pdf(s);
   }
   return r.pdf > 0;
 }
@@ -452,21 +561,8 @@ bool LightSampler::Impl::from_punctual(std::size_t index, const Vec3f& p, double
     if (light.texture) r.radiance *= light.texture->rgb(s);
     return true;
   }
-  const float cutoff = light.cutoff_angle.at(t), beam = std::min(light.beam_width.at(t), cutoff);
-  float falloff = 1;
-  if (light.smooth_falloff) {  // KHR_lights_punctual, "Inner and Outer Cone Angles"
-    const float inner = std::cos(beam), outer = std::cos(cutoff);
-    falloff = sqr(std::clamp((local.z - outer) / std::max(1e-3f, inner - outer), 0.0f, 1.0f));
-  } else if (local.z < std::cos(beam)) {
-    falloff = std::clamp((cutoff - std::acos(local.z)) / std::max(1e-6f, cutoff - beam), 0.0f, 1.0f);
-  }
-  if (falloff <= 0) return true;
-  r.radiance = intensity * (falloff / d2);
-  if (light.texture) {
-    const float k = 0.5f / (local.z * std::tan(cutoff));
-    s.uv = {0.5f + k * local.x, 0.5f + k * local.y};
-    r.radiance *= light.texture->rgb(s);
-  }
+  r.radiance = spot_factor(light, local, t);
+  if (!is_black(r.radiance)) r.radiance *= intensity * (1 / d2);
   return true;
 }
 
@@ -483,11 +579,18 @@ std::optional<LightSample> LightSampler::sample(const Vec3f& p, double t, float 
     found = s.sample_area(s.areas[light], p, t, u_choice, u, r);
     r.pdf *= probability;
   } else if (light < s.first_environment()) {
-    found = s.from_punctual(light - s.areas.size(), p, t, r);
-    r.pdf = probability;
+    if (const Impl::Sun* sun = s.sun_of(light - s.areas.size())) {
+      const float h = u.x * sun->one_minus_cos, sine = std::sqrt(std::max(0.0f, h * (2 - h))), phi = 2 * kPi * u.y;
+      const Basis b(s.direction(*sun, t));
+      const Vec3f d = normalize(b.n * (1 - h) + (b.s * std::cos(phi) + b.t * std::sin(phi)) * sine);
+      found = s.from_infinity(Impl::kNone, {d, {}, 0}, p, t, r);
+    } else {
+      found = s.from_punctual(light - s.areas.size(), p, t, r);
+      r.pdf = probability;
+    }
   } else {
     const std::size_t i = light - s.first_environment();
-    found = s.from_environment(i, s.sample_direction(s.environments[i], t, u), p, t, r);
+    found = s.from_infinity(i, s.sample_direction(s.environments[i], t, u), p, t, r);
   }
   if (!found) result.reset();
   return result;
@@ -504,11 +607,15 @@ std::optional<LightSample> LightSampler::connect(const LightSample& sample, cons
     found = s.from_area(s.areas[sample.light], p, t, r);
     r.pdf *= s.choice.probability(p, sample.light);
   } else if (sample.light < s.first_environment()) {
-    found = s.from_punctual(sample.light - s.areas.size(), p, t, r);
-    r.pdf = s.choice.probability(p, sample.light);
+    if (s.sun_of(sample.light - s.areas.size())) {
+      found = s.from_infinity(Impl::kNone, {sample.wi, {}, 0}, p, t, r);
+    } else {
+      found = s.from_punctual(sample.light - s.areas.size(), p, t, r);
+      r.pdf = s.choice.probability(p, sample.light);
+    }
   } else {
     const std::size_t i = sample.light - s.first_environment();
-    found = s.from_environment(i, s.map_point(s.environments[i], sample.wi, t), p, t, r);
+    found = s.from_infinity(i, s.map_point(s.environments[i], sample.wi, t), p, t, r);
   }
   if (!found) result.reset();
   return result;
@@ -517,7 +624,8 @@ std::optional<LightSample> LightSampler::connect(const LightSample& sample, cons
 Rgb LightSampler::emitted(const SurfacePoint& point, const ShadingPoint& s) const {
   const auto& emission = impl_->scene->shapes[point.shape].emission;
   if (!emission || (!emission->two_sided && dot(s.wo, s.ng) <= 0)) return Rgb(0.0f);
-  return emission->radiance.rgb(s);
+  const Rgb radiance = emission->radiance.rgb(s);
+  return is_directed(*emission) ? radiance * impl_->directed(*emission, s.ng, s.wo, s.time) : radiance;
 }
 
 float LightSampler::pdf(const SurfacePoint& point, const ShadingPoint& s, const Vec3f& from, float distance) const {
@@ -535,6 +643,10 @@ Rgb LightSampler::environment(const Vec3f& d, double t, bool from_camera) const 
   for (const EnvironmentMap& e : impl_->environments) {
     if (!from_camera || e.environment->camera_visible) sum += impl_->radiance(e, impl_->map_point(e, d, t), t);
   }
+  for (const Impl::Sun& sun : impl_->suns) {
+    const bool seen = !from_camera || impl_->scene->lights[sun.light].camera_visible;
+    if (seen && impl_->contains(sun, d, t)) sum += impl_->radiance(sun, t);
+  }
   return sum;
 }
 
@@ -544,6 +656,10 @@ float LightSampler::environment_pdf(const Vec3f& d, double t, const Vec3f& from)
     const EnvironmentMap& e = impl_->environments[i];
     sum += impl_->choice.probability(from, std::uint32_t(impl_->first_environment() + i)) *
            impl_->pdf(e, impl_->map_point(e, d, t));
+  }
+  for (const Impl::Sun& sun : impl_->suns) {
+    if (!impl_->contains(sun, d, t)) continue;
+    sum += impl_->choice.probability(from, std::uint32_t(impl_->areas.size() + sun.light)) * impl_->pdf(sun);
   }
   return sum;
 }

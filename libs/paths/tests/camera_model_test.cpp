@@ -167,7 +167,7 @@ TEST(CameraModel, ProjectionInvertsRays) {
     for (const float aperture : {0.0f, 0.3f}) {
       const Scene scene = restless_scene(projection, aperture);
       const CameraModel m = model(scene);
-      const bool lens = projection == Projection::kPerspective && aperture > 0;
+      const bool lens = aperture > 0;
       std::vector<double> errors;
       for (std::uint64_t i = 0; i < 5000; ++i) {
         const double t = random1(i, 0);
@@ -218,6 +218,18 @@ TEST(CameraModel, FilmCornersAndAxesOfAPlainCamera) {
   EXPECT_FALSE(m.project({0, 0, -1}, 0));
   EXPECT_FALSE(m.project_direction({0, 1, 0}, 0));
   EXPECT_FALSE(m.project_direction({0, 0, -1}, 0));
+  // Close to the camera's plane a film position is rounding: none beyond 16 pictures from the center.
+  static_assert(kWidth > kHeight && CameraModel::kReach == 16);
+  for (const float sign : {-1.0f, 1.0f}) {
+    for (const Vec3f& p : {Vec3f{31.9f * sign, 0, 1}, Vec3f{0, 31.9f * sign, 1}, Vec3f{0.0319f * sign, 0, 1e-3f}}) {
+      EXPECT_TRUE(m.project(p, 0)) << p.x << " " << p.y;
+      EXPECT_TRUE(m.project_direction(p, 0)) << p.x << " " << p.y;
+    }
+    for (const Vec3f& p : {Vec3f{32.1f * sign, 0, 1}, Vec3f{0, 32.1f * sign, 1}, Vec3f{1 * sign, 0, 1e-6f}}) {
+      EXPECT_FALSE(m.project(p, 0)) << p.x << " " << p.y;
+      EXPECT_FALSE(m.project_direction(p, 0)) << p.x << " " << p.y;
+    }
+  }
 }
 
 TEST(CameraModel, OrthographicCameraSeesBehindItself) {
@@ -267,6 +279,109 @@ TEST(CameraModel, LensPointsFillTheApertureEvenly) {
     ++counts[std::size_t(std::min(area, 0.9999f) * 8) * 8 + std::size_t(std::min(sector, 7.9999))];
   }
   EXPECT_TRUE(test::CountsFit(expected, counts));
+}
+
+// Circles of confusion: the rays through one pixel meet at the focus distance f and are spread over a disk of diameter
+// 2 R |d - f| / f at distance d; on the film that is 2 R |1/d - 1/f| at the plane of distance 1.
+TEST(CameraModel, CirclesOfConfusionFollowTheFStop) {
+  Camera c;
+  c.fov_x = float(2 * std::atan(36.0 / 2 / 50));  // 50 mm on a sensor of 36 mm
+  c.f_stop = 2;
+  c.focus_distance = 3;
+  for (const auto& [fit, size, radius] : {std::tuple{SensorFit::kAuto, 0.036f, 0.05 / 4},
+                                          {SensorFit::kHorizontal, 0.072f, 0.1 / 4},
+                                          {SensorFit::kVertical, 0.036f, 0.05 / 4 * kWidth / kHeight}}) {
+    c.sensor_fit = fit, c.sensor_size = size;
+    const Scene scene = scene_with(c, Affine3d{});
+    const CameraModel m = model(scene);
+    for (const double d : {1.0, 3.0, 12.0}) {
+      Vec2d lo{1e9, 1e9}, hi{-1e9, -1e9};
+      for (int i = 0; i < 2000; ++i) {
+        const float u = random1(std::uint64_t(i), 3);  // the square's rim is that of the lens
+        for (const Vec2f lens : {Vec2f{u, 0}, Vec2f{u, 0.9999f}, Vec2f{0, u}, Vec2f{0.9999f, u}}) {
+          const CameraRay ray = m.ray({kWidth / 2.0f, kHeight / 2.0f}, lens, 0);
+          const Vec3d at = Vec3d(ray.o) + Vec3d(ray.d) * ((d - double(ray.o.z)) / double(ray.d.z));
+          lo = {std::min(lo.x, at.x), std::min(lo.y, at.y)}, hi = {std::max(hi.x, at.x), std::max(hi.y, at.y)};
+        }
+      }
+      const double diameter = 2 * radius * std::abs(d - 3) / 3;
+      EXPECT_NEAR(hi.x - lo.x, diameter, 0.01 * diameter + 1e-6) << d;
+      EXPECT_NEAR(hi.y - lo.y, diameter, 0.01 * diameter + 1e-6) << d;
+    }
+  }
+}
+
+TEST(CameraModel, OrthographicLensesFocusToo) {
+  Camera c;
+  c.projection = Projection::kOrthographic;
+  c.width = 4;
+  c.f_stop = 5;  // a radius of 0.1 m
+  c.focus_distance = 3;
+  const Scene scene = scene_with(c, Affine3d{});
+  const CameraModel m = model(scene);
+  float largest = 0;
+  for (int i = 0; i < 1000; ++i) {
+    const CameraRay r = m.ray({80, 90}, {random1(std::uint64_t(i), 3), random1(std::uint64_t(i), 4)}, 0);
+    const Vec3f sharp = r.o + r.d * (3 / r.d.z), behind = r.o + r.d * (6 / r.d.z);
+    EXPECT_LT(length(sharp - Vec3f{1, 0, 3}), 1e-5f);
+    largest = std::max(largest, length(behind - Vec3f{1, 0, 6}));
+    EXPECT_NEAR(m.project(r.o + r.d * r.tmin, 0)->depth, 1e-2, 1e-6);
+  }
+  EXPECT_NEAR(largest, 0.1, 0.002);
+}
+
+// The focus follows an object, measured along the view axis, while camera and object move; keys of the lens are kept.
+TEST(CameraModel, FocusFollowsANode) {
+  AnimatedTransform camera, object;
+  camera.keyed = object.keyed = true;
+  camera.translation = {{0, 1}, {Vec3d{0, 0, 0}, Vec3d{0, 0, 1}}, Interpolation::kLinear};
+  object.translation = {{0, 1}, {Vec3d{1, 0, 5}, Vec3d{-2, 1, 9}}, Interpolation::kLinear};
+  Camera c;
+  c.aperture_radius = {{0, 1}, {0.1f, 0.3f}, Interpolation::kLinear};
+  Scene scene = scene_with(c, camera);
+  scene.nodes.push_back({-1, object, "hero", 1.0f});
+  scene.cameras[0].focus_node = 1;
+  const CameraModel m = model(scene);
+  for (const double t : {0.0, 0.25, 0.5, 1.0}) {
+    const double distance = 5 + 3 * t;
+    const Vec3f expected{0, 0, float(distance + t)};
+    for (int i = 0; i < 100; ++i) {
+      const CameraRay r =
+          m.ray({kWidth / 2.0f, kHeight / 2.0f}, {random1(std::uint64_t(i), 3), random1(std::uint64_t(i), 4)}, t);
+      EXPECT_LT(length(r.o + r.d * (float(distance) / r.d.z) - expected), 1e-5f);
+      EXPECT_LE(std::hypot(r.o.x, r.o.y), float(0.1 + 0.2 * t) * 1.0001f);
+    }
+  }
+  scene.nodes[1].local = AnimatedTransform(translate(Vec3d{3, 0, 0}));  // in the plane of the lens
+  try {
+    model(scene, {0, 0});
+    FAIL();
+  } catch (const Error& e) {
+    EXPECT_NE(e.message().find("focus distance"), std::string::npos) << e.what();
+  }
+}
+
+// Pixels twice as wide as high: the same film shows twice the angle across, and projects back.
+TEST(CameraModel, PixelsNeedNotBeSquare) {
+  for (const bool vertical : {false, true}) {
+    Camera c;
+    c.fov_x = float(kPiD / 2);
+    c.keep_vertical_fov = vertical;
+    c.authored_aspect = 1;
+    c.pixel_aspect = 2;
+    const Scene scene = scene_with(c, Affine3d{});
+    const CameraModel m = model(scene);
+    // A square in the scene is half as wide as high in pixels.
+    const Vec2f center = m.project({0, 0, 1}, 0)->pixel, side = m.project({-0.1f, 0, 1}, 0)->pixel,
+                up = m.project({0, 0.1f, 1}, 0)->pixel;
+    EXPECT_NEAR((center.y - up.y) / (side.x - center.x), 2, 1e-5);
+    const double half = vertical ? kHeight / 2.0 : kWidth / 2.0;
+    EXPECT_NEAR(vertical ? center.y - up.y : side.x - center.x, 0.1 * half, 1e-4);
+    const CameraRay r = m.ray({17, 33}, {}, 0);
+    const Vec2f back = m.project(r.o + r.d * 7, 0)->pixel;
+    EXPECT_NEAR(back.x, 17, 1e-4);
+    EXPECT_NEAR(back.y, 33, 1e-4);
+  }
 }
 
 TEST(CameraModel, VerticalAngleIsKeptOnRequest) {

@@ -44,12 +44,12 @@ TEST(SampleStream, EveryElementaryIntervalOfANetHoldsOnePoint) {
     for (const std::uint32_t pair : {0u, 1u, 2u, 17u, 1000u}) {
       for (int log_count = 0; log_count <= 12; ++log_count) {
         const std::uint32_t n = 1u << log_count;
-        for (const std::uint32_t first : {0u, n, 5 * n}) {  // any aligned block is a net
+        for (const std::uint32_t first : {0u, n, 5 * n}) {  // any aligned block of the even or the odd ones is a net
           for (int log_x = 0; log_x <= log_count; ++log_x) {
             std::vector<int> count(n);
             const float nx = float(1u << log_x), ny = float(n >> log_x);
             for (std::uint32_t i = 0; i < n; ++i) {
-              const Vec2f u = stream(SamplerKind::kSobol, pixel, first + i).get2(2 * pair);
+              const Vec2f u = stream(SamplerKind::kSobol, pixel, 2 * (first + i) + pair % 2).get2(2 * pair);
               ++count[std::size_t(u.x * nx) * std::size_t(ny) + std::size_t(u.y * ny)];
             }
             const std::vector<int> once(n, 1);
@@ -169,6 +169,24 @@ TEST(SampleStream, PairsOfOnePixelAreIndependentOverItsSamples) {
   // Independent shuffles put 4 + 4 of 16 into each combination on average with a spread; equal ones always 0, 8 or 16.
   const std::set<double> values(same_quadrant.begin(), same_quadrant.end());
   EXPECT_GE(values.size(), 5u);
+}
+
+// Means of the even and of the odd samples of a pixel know nothing of each other.
+TEST(SampleStream, HalvesOfAPixelAreIndependent) {
+  for (const std::uint32_t count : {1u, 2u, 8u}) {
+    for (const std::uint32_t pair : {0u, 5u}) {
+      std::vector<double> even, odd;
+      for (int pixel = 0; pixel < 20000 * test::effort(); ++pixel) {
+        double sums[2] = {};
+        for (std::uint32_t i = 0; i < 2 * count; ++i) {
+          const Vec2f u = stream(SamplerKind::kSobol, pixel, i).get2(2 * pair);
+          sums[i & 1] += sqr(double(u.x)) + double(u.x * u.y);
+        }
+        even.push_back(sums[0]), odd.push_back(sums[1]);
+      }
+      EXPECT_TRUE(Uncorrelated(even, odd)) << count << " samples of pair " << pair;
+    }
+  }
 }
 
 TEST(SampleStream, AccessorsAgree) {

@@ -50,16 +50,26 @@ SourceLoc MaterialValues::loc(const std::string& name) const {
   return it == locs_.end() ? SourceLoc{} : it->second;
 }
 
+Rgb MaterialValues::checked(const std::string& name, const Rgb& c) const {
+  if (std::min({c.r, c.g, c.b}) >= 0) return c;
+  throw Error(ErrorCode::kOutOfRange, loc(name), fmt::format("{} = \"{}\" is below 0", name, params_.get_string(name)));
+}
+
 Rgb MaterialValues::color(const std::string& name) const {
   const std::string& text = params_.get_string(name);
-  if (const auto c = parse_color(text)) return *c;
+  if (const auto c = parse_color(text)) return checked(name, *c);
   throw Error(ErrorCode::kBadInput, loc(name),
               fmt::format("{} = \"{}\" is not a color; write a number, three numbers or \"#rrggbb\"", name, text));
 }
 
+std::optional<bool> MaterialValues::two_sided() const {
+  if (!locs_.contains("two_sided")) return std::nullopt;
+  return params_.get_bool("two_sided");
+}
+
 Slot MaterialValues::slot(const std::string& name, bool is_color) const {
   const std::string& text = params_.get_string(name);
-  if (const auto c = parse_color(text)) return Slot(*c);
+  if (const auto c = parse_color(text)) return Slot(checked(name, *c));
   // What has no extension cannot be meant as a file.
   if (text.find('.') == std::string::npos) {
     throw Error(ErrorCode::kBadInput, loc(name),
@@ -167,7 +177,8 @@ MaterialPtr metallic_roughness(const MaterialValues& v) {
   p.attenuation_color = v.color("attenuation_color");
   const double distance = v.params().get_double("attenuation_distance");
   p.attenuation_distance = distance > 0 ? float(distance) : kInfinity;
-  p.double_sided = true;  // the common parameter two_sided decides; glTF's own flag has nothing to add here
+  p.tints_once = v.params().get_string("solid_tint") == "once";
+  p.double_sided = v.two_sided().value_or(true);
   return make_metallic_roughness(p);
 }
 
@@ -233,6 +244,12 @@ std::span<const MaterialEntry> material_catalog() {
         {"sheen_color", "0", "color or image"},
         {"sheen_roughness", "0", "in [0,1], or an image"},
         {"thin_walled", true, "false: a solid body that refracts"},
+        {"solid_tint",
+         "twice",
+         "solid bodies: whether base_color tints light as it enters and again as it leaves, or once in all",
+         -1e300,
+         1e300,
+         {"twice", "once"}},
         {"attenuation_color", "1", "color of white light after `attenuation_distance` inside"},
         {"attenuation_distance", 0.0, "meters; 0: no attenuation", 0, 1e9}},
        metallic_roughness},
@@ -242,7 +259,9 @@ std::span<const MaterialEntry> material_catalog() {
 
 std::span<const ParamSpec> common_material_params() {
   static const std::vector<ParamSpec> params = {
-      {"two_sided", false, "the back looks like the front (opaque types only)"},
+      {"two_sided", false,
+       "the back looks like the front (opaque types only) and shines like it; false: only the front does. If it is not "
+       "given, emission is as in the scene, and metallic_roughness shows both sides"},
       {"opacity", "1", "part of the light that does not pass straight through: number or image"},
       {"emission", "", "radiance that the surface emits, W/(m^2 sr): color or image; empty: as in the scene"},
   };
@@ -266,36 +285,50 @@ void override_material(Scene& scene, const std::string& name, const std::map<std
   const auto type = values.find("type");
   std::vector<std::string> types;
   for (const MaterialEntry& e : material_catalog()) types.push_back(e.name);
-  if (type == values.end()) {
+  const std::span<const ParamSpec> common = common_material_params();
+  const auto is_common = [&](const auto& value) {
+    return std::any_of(common.begin(), common.end(), [&](const ParamSpec& s) { return s.name == value.first; });
+  };
+  const bool changes_type = !std::all_of(values.begin(), values.end(), is_common);
+  if (changes_type && type == values.end()) {
     throw Error(ErrorCode::kBadInput, first,
                 fmt::format("material \"{}\" needs a type; one of: {}", name, fmt::join(types, ", ")));
   }
-  const auto entry = std::find_if(material_catalog().begin(), material_catalog().end(),
-                                  [&](const MaterialEntry& e) { return e.name == to_text(type->second); });
-  if (entry == material_catalog().end()) {
+  const std::span<const MaterialEntry> catalog = material_catalog();
+  const auto entry = std::find_if(catalog.begin(), catalog.end(), [&](const MaterialEntry& e) {
+    return changes_type && e.name == to_text(type->second);
+  });
+  if (changes_type && entry == catalog.end()) {
     throw Error(ErrorCode::kUnknownName, locs.at("type"),
                 fmt::format("unknown material type \"{}\"; known: {}", to_text(type->second),
                             nearest_names(to_text(type->second), types)));
   }
-  std::vector<ParamSpec> specs = entry->params;
-  specs.insert(specs.end(), common_material_params().begin(), common_material_params().end());
+  std::vector<ParamSpec> specs;
+  if (changes_type) specs = entry->params;
+  specs.insert(specs.end(), common.begin(), common.end());
   Params params(specs);
   for (const auto& [key, value] : values) {
     if (key != "type") params.set_text(key, to_text(value), locs.at(key));
   }
   const MaterialValues v(params, locs, files);
-  MaterialPtr material = entry->make(v);
-  if (params.get_bool("two_sided")) material = make_two_sided(material);
+  const std::optional<bool> two_sided = v.two_sided();
   const Slot opacity = v.scalar_slot("opacity");
-  if (!opacity.is_constant() || opacity.mean().r < 1) material = make_mask(opacity, material);
+  const auto changed = [&](MaterialPtr material) {
+    if (two_sided.value_or(false)) material = make_two_sided(material);
+    if (!opacity.is_constant() || opacity.mean().r < 1) material = make_mask(opacity, material);
+    return material;
+  };
+  const MaterialPtr made = changes_type ? changed(entry->make(v)) : nullptr;
   for (Shape& s : scene.shapes) {
     if (s.material_name != name) continue;
-    s.material = material;
-    if (params.get_string("emission").empty()) continue;
-    const Slot radiance = v.color_slot("emission");
-    const bool both_sides = s.emission && s.emission->two_sided;
-    s.emission = AreaEmission{radiance, both_sides};
-    if (radiance.is_constant() && is_black(radiance.mean())) s.emission.reset();
+    s.material = made ? made : changed(s.material);
+    if (!params.get_string("emission").empty()) {
+      const Slot radiance = v.color_slot("emission");
+      const bool both_sides = s.emission && s.emission->two_sided;
+      s.emission = AreaEmission{radiance, both_sides};
+      if (radiance.is_constant() && is_black(radiance.mean())) s.emission.reset();
+    }
+    if (s.emission && two_sided) s.emission->two_sided = *two_sided;
   }
 }
 

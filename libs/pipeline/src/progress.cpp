@@ -99,7 +99,7 @@ class Plain : public Counting {
 
  protected:
   void frame_done(const FrameReport& r) override {
-    if (log_level() >= LogLevel::kInfo) print(stderr, done_line(r));
+    if (log_level() >= LogLevel::kInfo) write_now(stderr, done_line(r));
   }
 };
 
@@ -115,8 +115,8 @@ class Bar : public Counting {
                                       index_, frames_, clock_text(elapsed()), left < 0 ? "?" : clock_text(left),
                                       rate_text(samples_per_second())));
   }
-  void frame_done(const FrameReport& r) override { bar_.print_above(done_line(r)); }
-  void finished(const RenderReport&) override { bar_.clear(); }
+  void frame_done(const FrameReport& r) override { bar_.write_above(done_line(r)); }
+  void finished(const RenderReport&) override { bar_.hide(); }
 
  private:
   ProgressBar bar_;
@@ -133,7 +133,7 @@ class Json : public Counting {
   void started(const RenderPlan& p) override {
     nlohmann::ordered_json layers = nlohmann::ordered_json::array();
     for (const LayerDesc& d : p.layers) layers.push_back(d.name);
-    print_event({{"event", "start"},
+    write_event({{"event", "start"},
                  {"frames", p.frames},
                  {"skipped", p.skipped},
                  {"width", p.width},
@@ -142,10 +142,10 @@ class Json : public Counting {
                  {"layers", layers}});
   }
   void frame_started() override {
-    print_event({{"event", "frame"}, {"frame", frame_}, {"index", index_}, {"of", frames_}});
+    write_event({{"event", "frame"}, {"frame", frame_}, {"index", index_}, {"of", frames_}});
   }
   void update() override {
-    print_event({{"event", "progress"},
+    write_event({{"event", "progress"},
                  {"frame", frame_},
                  {"percent", 100 * step_.share(fraction())},
                  {"seconds_left", seconds_left()}});
@@ -153,13 +153,13 @@ class Json : public Counting {
   void frame_done(const FrameReport& r) override {
     nlohmann::ordered_json j{{"event", "done"}, {"frame", r.frame}, {"seconds", r.seconds}, {"path", r.path}};
     j.update(totals(r.totals));
-    print_event(j);
+    write_event(j);
   }
   void finished(const RenderReport& r) override {
     nlohmann::ordered_json j{
         {"event", "end"}, {"frames", r.frames.size()}, {"skipped", r.skipped.size()}, {"seconds", r.seconds}};
     j.update(totals(r.totals));
-    print_event(j);
+    write_event(j);
   }
 
  private:
@@ -171,21 +171,22 @@ class OpenJd : public Counting {
   explicit OpenJd(JobStep step) : Counting(1), step_(std::move(step)) {}
 
  protected:
-  void progress() const { print_openjd_progress(step_, fraction()); }
+  void progress() const { write_openjd_progress(step_, fraction()); }
   void started(const RenderPlan& p) override {
-    print_openjd_progress(step_, 0);
-    print(stdout, fmt::format("openjd_status: {} frames to render, {} finished before\n", p.frames.size(), p.skipped));
+    write_openjd_progress(step_, 0);
+    write_now(stdout,
+              fmt::format("openjd_status: {} frames to render, {} finished before\n", p.frames.size(), p.skipped));
   }
   void frame_started() override {
-    print(stdout, fmt::format("openjd_status: frame {} ({} of {})\n", frame_, index_, frames_));
+    write_now(stdout, fmt::format("openjd_status: frame {} ({} of {})\n", frame_, index_, frames_));
   }
   void update() override { progress(); }
   void frame_done(const FrameReport& r) override {
-    print(stdout, done_line(r));
+    write_now(stdout, done_line(r));
     progress();
   }
   void finished(const RenderReport& r) override {
-    print(stdout, fmt::format("openjd_status: {} frames done in {}\n", r.frames.size(), clock_text(r.seconds)));
+    write_now(stdout, fmt::format("openjd_status: {} frames done in {}\n", r.frames.size(), clock_text(r.seconds)));
   }
 
  private:
@@ -210,11 +211,35 @@ ProgressKind parse_progress(std::string_view text) {
               fmt::format("unknown kind of progress \"{}\"; known: {}", text, nearest_names(text, names)));
 }
 
+namespace {
+/// Adds the parts of a place that are known.
+void add_place(nlohmann::ordered_json& event, const SourceLoc& loc) {
+  if (!loc.file.empty()) event["file"] = loc.file;
+  if (loc.line > 0) event["line"] = loc.line;
+  if (loc.column > 0) event["column"] = loc.column;
+}
+}  // namespace
+
+void write_warning_events() {
+  set_warning_observer([](const Warning& w) {
+    nlohmann::ordered_json event{{"event", "warning"}, {"kind", w.kind}, {"message", w.message}, {"count", w.count}};
+    add_place(event, w.loc);
+    write_event(event);
+  });
+}
+
+void write_error_event(const Error& error, int status) {
+  nlohmann::ordered_json event{
+      {"event", "error"}, {"kind", to_string(error.code())}, {"message", error.message()}, {"status", status}};
+  add_place(event, error.loc());
+  write_event(event);
+}
+
 void announce_step(ProgressKind kind, const JobStep& step) {
   if (kind == ProgressKind::kJson) {
-    print_event({{"event", "step"}, {"step", step.name}, {"number", step.number}, {"of", step.of}});
+    write_event({{"event", "step"}, {"step", step.name}, {"number", step.number}, {"of", step.of}});
   } else if (kind == ProgressKind::kOpenJd) {
-    print(stdout, fmt::format("openjd_status: step {} of {}: {}\n", step.number, step.of, step.name));
+    write_now(stdout, fmt::format("openjd_status: step {} of {}: {}\n", step.number, step.of, step.name));
   } else {
     log_info(fmt::format("step {} of {}: {}", step.number, step.of, step.name));
   }
@@ -224,10 +249,10 @@ void announce_results(ProgressKind kind, std::span<const JobResult> results) {
   if (kind == ProgressKind::kJson) {
     nlohmann::ordered_json list = nlohmann::ordered_json::array();
     for (const JobResult& r : results) list.push_back({{"step", r.step}, {"seconds", r.seconds}, {"path", r.path}});
-    print_event({{"event", "result"}, {"steps", list}});
+    write_event({{"event", "result"}, {"steps", list}});
     return;
   }
-  if (kind == ProgressKind::kOpenJd) print(stdout, "openjd_progress: 100.00\n");
+  if (kind == ProgressKind::kOpenJd) write_now(stdout, "openjd_progress: 100.00\n");
   for (const JobResult& r : results) log_info(fmt::format("{:<12} {:>9.1f} s  {}", r.step, r.seconds, r.path));
 }
 

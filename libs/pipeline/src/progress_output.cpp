@@ -23,17 +23,17 @@ ProgressKind settle_progress(ProgressKind kind) {
   return isatty(STDERR_FILENO) ? ProgressKind::kTty : ProgressKind::kPlain;
 }
 
-void print(std::FILE* out, const std::string& text) {
+void write_now(std::FILE* out, const std::string& text) {
   std::fwrite(text.data(), 1, text.size(), out);
   std::fflush(out);
 }
 
-void print_event(const nlohmann::ordered_json& event) {
-  print(stdout, event.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
+void write_event(const nlohmann::ordered_json& event) {
+  write_now(stdout, event.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) + "\n");
 }
 
-void print_openjd_progress(const JobStep& step, double part) {
-  print(stdout, fmt::format("openjd_progress: {:.2f}\n", 100 * step.share(part)));
+void write_openjd_progress(const JobStep& step, double part) {
+  write_now(stdout, fmt::format("openjd_progress: {:.2f}\n", 100 * step.share(part)));
 }
 
 std::string clock_text(double seconds) {
@@ -43,12 +43,12 @@ std::string clock_text(double seconds) {
 }
 
 ProgressBar::ProgressBar() {
-  set_log_writer([this](std::string_view line) { print_above(std::string(line)); });
+  set_log_writer([this](std::string_view line) { write_above(std::string(line)); });
 }
 
 ProgressBar::~ProgressBar() {
   set_log_writer({});
-  clear();
+  hide();
 }
 
 void ProgressBar::show(double part, const std::string& text) {
@@ -63,16 +63,16 @@ void ProgressBar::show(double part, const std::string& text) {
   draw((line + " " + text).substr(0, std::size_t(std::max(columns - 1, 10))));
 }
 
-void ProgressBar::print_above(const std::string& line) {
+void ProgressBar::write_above(const std::string& line) {
   const std::scoped_lock lock(mutex_);
-  print(stderr, kEraseLine + line + line_);
+  write_now(stderr, kEraseLine + line + line_);
 }
 
 void ProgressBar::draw(std::string line) {
   const std::scoped_lock lock(mutex_);
   if (line.empty() && line_.empty()) return;
   line_ = std::move(line);
-  print(stderr, kEraseLine + line_);
+  write_now(stderr, kEraseLine + line_);
 }
 
 }  // namespace tempera

@@ -13,12 +13,12 @@ namespace tempera {
 /// kAuto, and kTty where there is no terminal, become what fits: a bar written into a file would be one endless line.
 ProgressKind settle_progress(ProgressKind kind);
 
-/// Writes at once.
-void print(std::FILE* out, const std::string& text);
+/// Writes and flushes.
+void write_now(std::FILE* out, const std::string& text);
 /// One JSON object as a line on standard output.
-void print_event(const nlohmann::ordered_json& event);
+void write_event(const nlohmann::ordered_json& event);
 /// Open Job Description's percentage, of the whole job.
-void print_openjd_progress(const JobStep& step, double part);
+void write_openjd_progress(const JobStep& step, double part);
 
 /// "1:02:03", or "2:03" below an hour; seconds in [0, 1e9].
 std::string clock_text(double seconds);
@@ -34,9 +34,9 @@ class ProgressBar {
   /// Shows `part` of the whole in [0, 1], and `text` behind it, as far as the terminal is wide.
   void show(double part, const std::string& text);
   /// Writes a line that ends with a line break, above the bar.
-  void print_above(const std::string& line);
+  void write_above(const std::string& line);
   /// Removes the bar until it is shown again.
-  void clear() { draw(""); }
+  void hide() { draw(""); }
 
  private:
   void draw(std::string line);

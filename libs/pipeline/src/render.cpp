@@ -17,6 +17,7 @@
 #include "tempera/core/log.h"
 #include "tempera/core/parallel.h"
 #include "tempera/frames/files.h"
+#include "tempera/integrators/frame_scene.h"
 
 namespace tempera {
 
@@ -74,50 +75,31 @@ struct Sequence {
   }
 
   double motion_step() const { return shot.settings.clock.frame_duration() / shot.motion_segments; }
-  TimeSpan exposure(int frame) const { return shot.settings.clock.exposure(frame); }
-  /// One frame more on both sides: where motion vectors look.
-  TimeSpan evaluation(int frame) const {
-    const double d = shot.settings.clock.frame_duration();
-    return {exposure(frame).begin - d, exposure(frame).end + d};
-  }
 };
 
 /// What rays of one frame meet, and what its integrator made of that.
-struct FrameScene {
-  RayScene rays;
-  LightSampler lights;
-  CameraModel camera;
+struct PreparedFrame {
+  FrameScene scene;
   std::unique_ptr<FramePlan> plan;
-  bool for_next;
+  bool only_for_next_frame;
 
-  /// `rendered`: as Integrator::prepare takes it; `for_next`: whether only what the next frame needs is wanted.
-  FrameScene(Sequence& q, int frame, const Frame* rendered, bool for_next_ = false)
-      : rays(q.scene, q.exposure(frame), q.evaluation(frame), {.motion_step = q.motion_step()}, q.cache),
-        lights(q.scene, rays),
-        camera(q.scene, q.shot.settings.camera, q.shot.settings.width, q.shot.settings.height, q.evaluation(frame),
-               q.motion_step()),
-        for_next(for_next_) {
-    const FrameContext now = context(q, frame);
-    if (q.integrator->frames_before() == 0 || for_next) {
-      plan = q.integrator->prepare(now, nullptr, nullptr);
+  /// `rendered`: as Integrator::prepare takes it; `only_for_next_frame`: whether only what the next frame needs is wanted.
+  PreparedFrame(Sequence& q, int frame, const Frame* rendered, bool only_for_next_frame_ = false)
+      : scene(q.scene, q.shot.settings, q.classifier, frame, q.motion_step(), q.cache), only_for_next_frame(only_for_next_frame_) {
+    if (q.integrator->frames_before() == 0 || only_for_next_frame) {
+      plan = q.integrator->prepare(context(), nullptr, nullptr);
       return;
     }
-    const TimeSpan exposure = q.exposure(frame - 1);
-    const double middle = 0.5 * (exposure.begin + exposure.end);
-    const RayScene rays_before(q.scene, {middle, middle}, q.evaluation(frame - 1), {.motion_step = q.motion_step()},
-                               q.cache);
-    const FrameContext before{q.scene, rays_before, lights, camera, q.classifier, q.shot.settings, frame - 1};
-    plan = q.integrator->prepare(now, &before, rendered);
+    const PrecedingFrame before(scene);
+    plan = q.integrator->prepare(context(), &before.context(), rendered);
   }
-  FrameContext context(const Sequence& q, int frame) const {
-    return {q.scene, rays, lights, camera, q.classifier, q.shot.settings, frame, plan.get(), for_next};
-  }
+  FrameContext context() const { return scene.context(plan.get(), only_for_next_frame); }
 };
 
 RenderTotals totals_of(RenderCounters& c) { return {c.samples, c.rays, c.shadow_rays, c.bad_samples, c.first_bad}; }
 
-/// Renders the tiles of `state` that are not done into `frame`. `finished(tile, totals)` is called, with `mutex` held
-/// by nobody, after a tile is marked done.
+/// Renders the tiles of `state` that are not done into `frame`. `finished(tile, totals)` is called without
+/// `mutex` after a tile is marked done.
 void render_tiles(const Sequence& q, const FrameContext& c, Frame& frame, CheckpointState& state, std::mutex& mutex,
                   std::stop_token stop, const std::function<void(const Tile&, const RenderTotals&)>& finished) {
   std::vector<std::size_t> missing;
@@ -216,14 +198,14 @@ bool is_finished(const Sequence& q, int frame, const std::string& path) {
   } catch (const Error& e) {
     why = e.message();
   }
-  log_info(fmt::format("frame {}: rendering again, because of {}: {}", frame, path, why));
+  log_info(fmt::format("frame {}: rendering again; {} does not match: {}", frame, path, why));
   return false;
 }
 
-/// The layers of a frame that the next one carries over.
-Frame carried_layers(const Sequence& q, const Frame& frame) {
+/// The layers of a frame that the next one needs_before over.
+Frame keep_layers_for_next_frame(const Sequence& q, const Frame& frame) {
   Frame result(frame.width(), frame.height());
-  for (const std::string& name : q.integrator->carried()) {
+  for (const std::string& name : q.integrator->layers_for_next_frame()) {
     const Layer* layer = frame.find(name);
     result.create(layer->desc) = layer->image;
   }
@@ -231,25 +213,37 @@ Frame carried_layers(const Sequence& q, const Frame& frame) {
 }
 
 /// Those layers from the file of the frame, if it holds what would be rendered, else rendered for them alone.
-Frame make_carried(Sequence& q, int frame, const std::stop_token& stop) {
+Frame layers_of_frame_before(Sequence& q, int frame, const std::stop_token& stop) {
   const std::string path = frame_path(q.shot.output, frame);
   try {
     if (std::error_code ignored;
         std::filesystem::exists(path, ignored) && has_fingerprint(q, frame, read_metadata(path))) {
       ReadOptions options;
-      options.layers = q.integrator->carried();
+      options.layers = q.integrator->layers_for_next_frame();
       return read_frame(path, options);
     }
   } catch (const Error& e) {
     log_debug(fmt::format("frame {}: {} cannot be used: {}", frame, path, e.message()));
   }
-  log_info(fmt::format("frame {}: sampling the frame before, whose sample counts it repeats", frame + 1));
+  log_info(fmt::format("frame {}: first rendering what it needs of the frame before", frame + 1));
   Frame picture = make_frame(*q.integrator, q.shot.settings, q.scene);
-  const FrameScene frame_scene(q, frame, nullptr, true);
+  const PreparedFrame prepared(q, frame, nullptr, true);
   CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
   std::mutex mutex;
-  render_rounds(q, frame_scene.context(q, frame), picture, state, mutex, stop, [](const Tile&, const RenderTotals&) {});
-  return carried_layers(q, picture);
+  render_rounds(q, prepared.context(), picture, state, mutex, stop, [](const Tile&, const RenderTotals&) {});
+  return keep_layers_for_next_frame(q, picture);
+}
+
+/// Refuses before rendering a camera that some frame cannot be seen through. Errors: those of CameraModel.
+void check_camera(const Sequence& q, std::span<const int> frames) {
+  const RenderSettings& s = q.shot.settings;
+  for (const int f : frames) {
+    try {
+      CameraModel(q.scene, s.camera, s.width, s.height, q.evaluation(f), q.motion_step());
+    } catch (const Error& e) {
+      throw Error(e.code(), e.loc(), fmt::format("frame {}: {}", f, e.message()));
+    }
+  }
 }
 
 /// Refuses before rendering what could not be written after it. Errors: Error{kFailed}.
@@ -404,6 +398,11 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
   plan.height = q.height;
   plan.settings = &shot.settings;
   plan.layers = q.layers;
+  check_camera(q, plan.frames);
+  if (plan.frames.size() > 1 && !has_frame_pattern(shot.output)) {
+    throw Error(ErrorCode::kUsage, fmt::format("{} cannot hold {} frames; write {}", shot.output, plan.frames.size(),
+                                               numbered_pattern(shot.output)));
+  }
   if (!plan.frames.empty()) check_output(q, plan.frames.size(), frame_path(shot.output, plan.frames[0]));
   for (RenderObserver* o : observers) o->begin(plan);
 
@@ -420,19 +419,19 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     for (RenderObserver* o : observers) o->frame_end(r);
   };
   FrameWriter writer(written, halt);
-  const bool carries = !q.integrator->carried().empty();
-  std::optional<std::pair<int, Frame>> carried;
+  const bool needs_before = !q.integrator->layers_for_next_frame().empty();
+  std::optional<std::pair<int, Frame>> before_layers;
 
   for (const int f : plan.frames) {
     if (halt.stop_requested()) break;
     const double frame_begin = now();
     const std::string path = frame_path(shot.output, f), partial = checkpoint_path(path);
-    const std::string print = fingerprint(shot, scene, f);
+    const std::string frame_fingerprint = fingerprint(shot, scene, f);
     Frame frame = make_frame(*q.integrator, shot.settings, scene);
     CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
     if (std::error_code ignored; options.resume && std::filesystem::exists(partial, ignored)) {
       std::string why;
-      if (auto saved = load_checkpoint(partial, print, frame, q.tiles, why)) {
+      if (auto saved = load_checkpoint(partial, frame_fingerprint, frame, q.tiles, why)) {
         state = std::move(*saved);
         log_info(fmt::format("frame {}: continuing from {} with {} of {} tiles done", f, partial,
                              std::count(state.done.begin(), state.done.end(), 1), q.tiles.size()));
@@ -440,11 +439,10 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
         log_info(fmt::format("frame {}: starting over, because {} cannot be used: {}", f, partial, why));
       }
     }
-    if (carries && (!carried || carried->first != f - 1)) carried = {f - 1, make_carried(q, f - 1, halt.get_token())};
-    const FrameScene frame_scene(q, f, carries ? &carried->second : nullptr);
-    log_debug(fmt::format("frame {}: built in {:.3f} s, {:.1f} MiB, motion resampled to within {:.3g} m", f,
-                          now() - frame_begin, double(frame_scene.rays.memory()) / (1 << 20),
-                          frame_scene.rays.resampling_error()));
+    if (needs_before && (!before_layers || before_layers->first != f - 1)) before_layers = {f - 1, layers_of_frame_before(q, f - 1, halt.get_token())};
+    const PreparedFrame prepared(q, f, needs_before ? &before_layers->second : nullptr);
+    log_debug(fmt::format("frame {}: built in {:.3f} s, {:.1f} MiB, {} pieces between jumps", f, now() - frame_begin,
+                          double(prepared.scene.memory()) / (1 << 20), prepared.scene.piece_count()));
     for (RenderObserver* o : observers) {
       o->frame_begin(f, frame, std::size_t(std::count(state.done.begin(), state.done.end(), 1)));
     }
@@ -460,12 +458,12 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     {
       const PeriodicCheckpoint periodic(rounds == 1 ? options.checkpoint_seconds : 0, [&] {
         try {
-          save_checkpoint(partial, print, frame, q.tiles, snapshot());
+          save_checkpoint(partial, frame_fingerprint, frame, q.tiles, snapshot());
         } catch (const Error& e) {
           log_warning(fmt::format("no checkpoint of frame {}: {}", f, e.what()));
         }
       });
-      render_rounds(q, frame_scene.context(q, f), frame, state, mutex, halt.get_token(),
+      render_rounds(q, prepared.context(), frame, state, mutex, halt.get_token(),
                     [&](const Tile& t, const RenderTotals& totals) {
                       for (RenderObserver* o : observers) o->tile_done(f, frame, t, totals);
                     });
@@ -477,19 +475,21 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
         log_info(fmt::format("frame {}: stopped; it will start over, as frames with adaptive sampling do", f));
         break;
       }
-      save_checkpoint(partial, print, frame, q.tiles, snapshot());
+      save_checkpoint(partial, frame_fingerprint, frame, q.tiles, snapshot());
       log_info(fmt::format("frame {}: stopped; {} of {} tiles are kept in {}", f,
                            std::count(state.done.begin(), state.done.end(), 1), q.tiles.size(), partial));
       break;
     }
 
-    finish_frame(*q.integrator, frame_scene.context(q, f), frame);
-    if (carries) carried = {f, carried_layers(q, frame)};
+    finish_frame(*q.integrator, prepared.context(), frame);
+    if (needs_before) before_layers = {f, keep_layers_for_next_frame(q, frame)};
     RenderInfo info = render_info_of(q, f);
     info.command = options.command;
     info.render_seconds = earlier + now() - frame_begin;
     set_render_info(frame.metadata, info);
-    frame.metadata[kFingerprintKey] = print;
+    frame.metadata[kFingerprintKey] = frame_fingerprint;
+    const double aspect = scene.cameras[std::size_t(shot.settings.camera)].pixel_aspect;
+    if (aspect != 1) frame.metadata[kPixelAspectKey] = aspect;
     if (shot.settings.crop_width > 0) {  // layers of pixel indices count in the full picture
       frame.metadata["tempera/crop_left"] = shot.settings.crop_x;
       frame.metadata["tempera/crop_top"] = shot.settings.crop_y;
@@ -507,7 +507,7 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     const bool own = n == own_key(shot.settings, b.frame, b.x, b.y);
     log_warning(fmt::format("{} samples were not finite and were left out; see one of them: {} --replay {},{},{},{}{}",
                             t.bad_samples, options.command, b.frame, b.x, b.y, b.sample,
-                            own ? "" : fmt::format(",{},{},{},{},{}", n.stream, n.x, n.y, n.turn_x, n.turn_y)));
+                            own ? "" : fmt::format(",{},{},{},{},{}", n.stream, n.x, n.y, n.rotation_x, n.rotation_y)));
   }
   if (report.frames.size() < plan.frames.size()) {
     throw Error(ErrorCode::kCancelled, fmt::format("stopped; {} of {} frames are done, --resume continues",
@@ -519,13 +519,13 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
 Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals* totals) {
   Sequence q(shot, scene);
   Frame picture = make_frame(*q.integrator, shot.settings, scene);
-  std::optional<Frame> carried;
-  if (!q.integrator->carried().empty()) carried = make_carried(q, frame - 1, {});
-  const FrameScene frame_scene(q, frame, carried ? &*carried : nullptr);
+  std::optional<Frame> before_layers;
+  if (!q.integrator->layers_for_next_frame().empty()) before_layers = layers_of_frame_before(q, frame - 1, {});
+  const PreparedFrame prepared(q, frame, before_layers ? &*before_layers : nullptr);
   CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
   std::mutex mutex;
-  render_rounds(q, frame_scene.context(q, frame), picture, state, mutex, {}, [](const Tile&, const RenderTotals&) {});
-  finish_frame(*q.integrator, frame_scene.context(q, frame), picture);
+  render_rounds(q, prepared.context(), picture, state, mutex, {}, [](const Tile&, const RenderTotals&) {});
+  finish_frame(*q.integrator, prepared.context(), picture);
   if (totals) *totals = state.totals;
   return picture;
 }
@@ -533,13 +533,13 @@ Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals
 Rgb replay_sample(const Shot& shot, const Scene& scene, const BadSample& b) {
   const RenderSettings& s = shot.settings;
   if (b.x < 0 || b.y < 0 || b.x >= s.width || b.y >= s.height || b.sample < 0) {
-    throw Error(ErrorCode::kUsage, fmt::format("there is no sample {} of pixel {},{} in a picture of {}x{}", b.sample,
-                                               b.x, b.y, s.width, s.height));
+    throw Error(ErrorCode::kUsage, fmt::format("sample {} of pixel {},{} does not exist in a picture of {}x{}",
+                                               b.sample, b.x, b.y, s.width, s.height));
   }
   Sequence q(shot, scene);
-  const FrameScene frame_scene(q, b.frame, nullptr, true);
+  const PreparedFrame prepared(q, b.frame, nullptr, true);
   const FlushDenormals flush;  // as the render had it
-  return q.integrator->replay(frame_scene.context(q, b.frame), b);
+  return q.integrator->replay(prepared.context(), b);
 }
 
 }  // namespace tempera

@@ -15,25 +15,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What the files of a shot are called that names none: "dance" for dance.toml, "demo" for demo/shot.toml.
-std::string shot_name(const fs::path& source) {
-  const std::string stem = source.stem().string(), folder = fs::absolute(source).parent_path().filename().string();
-  const bool generic = stem == "shot" || stem.starts_with("shot_");
-  return generic && !folder.empty() ? folder + stem.substr(4) : stem;
-}
-
-/// A pattern with a place for the frame number. `path` that is no file name is a folder for `name`.
-std::string frame_pattern(const fs::path& path, const std::string& name) {
-  if (has_frame_pattern(path.string())) return path.string();
-  if (path.extension() != ".exr") return (path / name).string();
-  return (path.parent_path() / (path.stem().string() + ".####" + path.extension().string())).string();
-}
-
 /// "out/f.mp4" for "out/f.####.exr".
-fs::path movie_beside(const fs::path& pattern, const char* extension) {
-  const std::string name = pattern.filename().string(), one = frame_path(name, 1), minus = frame_path(name, -1);
-  // Before the number: there the names of frame 1 and -1 begin to differ.
-  std::string stem(one.begin(), std::mismatch(one.begin(), one.end(), minus.begin(), minus.end()).first);
+fs::path default_movie(const fs::path& pattern, const char* extension) {
+  const std::string name = pattern.filename().string();
+  std::string stem = has_frame_pattern(name) ? name.substr(0, find_frame_place(name).begin) : pattern.stem().string();
   while (!stem.empty() && std::string_view("._-").find(stem.back()) != std::string_view::npos) stem.pop_back();
   return pattern.parent_path() / ((stem.empty() ? "movie" : stem) + extension);
 }
@@ -46,26 +31,27 @@ fs::path with_range(const fs::path& movie, const std::vector<int>& frames) {
 
 void plan_reconstruction(const ShotConfig& config, const Shot& shot, const std::vector<LayerDesc>& layers,
                          RunPlan& plan) {
+  const std::string name = fs::path(plan.render.output).filename().string();
+  plan.output = shot.final_output.empty() ? (fs::path(plan.render.output).parent_path() / "final" / name).string()
+                                          : settle_output(config, shot, "reconstruct.path", name);
+  const auto [first, last] = std::minmax_element(shot.frames.begin(), shot.frames.end());
+  plan.sequence = {std::min(*first, shot.sequence.first), std::max(*last, shot.sequence.last)};
+  plan.render.frames = reconstruction_inputs(shot.frames, plan.sequence, shot.reconstruct, layers);
+  if (plan.render.frames.size() > 1) plan.render.output = numbered_pattern(plan.render.output);
   const fs::path rendered = plan.render.output;
-  const std::string name = rendered.filename().string();
-  plan.output = shot.final_output.empty() ? (rendered.parent_path() / "final" / name).string()
-                                          : frame_pattern(shot.final_output, name);
   if (fs::absolute(plan.output).lexically_normal() == fs::absolute(rendered).lexically_normal()) {
     throw Error(
         ErrorCode::kBadInput, config.loc("reconstruct.path"),
         fmt::format("the final frames {} would replace those that they are made of; name another place", plan.output));
   }
-  const auto [first, last] = std::minmax_element(shot.frames.begin(), shot.frames.end());
-  plan.sequence = {std::min(*first, shot.sequence.first), std::max(*last, shot.sequence.last)};
   if (plan.sequence != shot.sequence) {
     log_warning(
         fmt::format("the shot has frames {}-{}: as others were asked for, {}-{} are taken for the sequence, and "
                     "frames near its ends differ from those of the shot alone",
                     shot.sequence.first, shot.sequence.last, plan.sequence.first, plan.sequence.last));
   }
-  plan.render.frames = reconstruction_inputs(shot.frames, plan.sequence, shot.reconstruct, layers);
   for (const int f : plan.render.frames) {
-    if (std::find(shot.frames.begin(), shot.frames.end(), f) == shot.frames.end()) plan.beside.push_back(f);
+    if (std::find(shot.frames.begin(), shot.frames.end(), f) == shot.frames.end()) plan.neighbors.push_back(f);
   }
   // The rendered files are read by the stage: under our names, and without loss. What was asked for holds for the
   // result.
@@ -73,10 +59,11 @@ void plan_reconstruction(const ShotConfig& config, const Shot& shot, const std::
   if (plan.render.write.compression == Compression::kDwaa) plan.render.write.compression = Compression::kZip;
 }
 
+/// `layers`: of the frames that are the result.
 void plan_movie(const ShotConfig& config, const Shot& shot, const std::vector<LayerDesc>& layers, RunPlan& plan) {
   if (shot.video_path.empty() && shot.frames.size() < 2) return;
   fs::path movie = shot.video_path;
-  if (movie.empty()) movie = movie_beside(plan.render.output, shot.video.codec == "ffv1" ? ".mkv" : ".mp4");
+  if (movie.empty()) movie = default_movie(plan.render.output, shot.video.codec == "ffv1" ? ".mkv" : ".mp4");
   plan.video_path = (shot.is_part && !shot.video_path_is_typed ? with_range(movie, shot.frames) : movie).string();
   try {
     check_video(plan.video_path, shot.video);
@@ -85,9 +72,7 @@ void plan_movie(const ShotConfig& config, const Shot& shot, const std::vector<La
     throw Error(ErrorCode::kBadInput, loc, e.message());
   }
   std::vector<std::string> names;
-  for (const LayerDesc& d : layers) {
-    if (!plan.reconstructs || survives_reconstruction(d.name)) names.push_back(d.name);
-  }
+  for (const LayerDesc& d : layers) names.push_back(d.name);
   if (std::find(names.begin(), names.end(), shot.video.layer) == names.end()) {
     throw Error(ErrorCode::kBadInput, config.loc("video.layer"),
                 fmt::format("the frames will have no layer \"{}\" to show; they have {}", shot.video.layer,
@@ -102,14 +87,20 @@ RunPlan plan_run(const ShotConfig& config, const Shot& shot, bool video) {
   plan.render = shot;
   plan.frames = shot.frames;
   plan.sequence = shot.sequence;
-  const std::string name = shot_name(shot.source);
-  plan.render.output =
-      frame_pattern(shot.output.empty() ? fs::path("out") / name : fs::path(shot.output), name + ".####.exr");
+  if (shot.output.empty()) {
+    const std::string name = shot_name(shot.source);
+    plan.render.output = (fs::path("out") / name / (name + ".####.exr")).string();
+  }
   plan.output = plan.render.output;
   const std::vector<LayerDesc> layers = find_integrator(shot.integrator).make(shot.params)->outputs(shot.settings);
   plan.reconstructs = has_differences(layers);
-  if (plan.reconstructs) plan_reconstruction(config, shot, layers, plan);
-  if (video) plan_movie(config, shot, layers, plan);
+  std::vector<LayerDesc> result = layers;
+  if (plan.reconstructs) {
+    plan_reconstruction(config, shot, layers, plan);
+    std::erase_if(result, [](const LayerDesc& d) { return !survives_reconstruction(d.name); });
+  }
+  check_shot_encoding(config, result, shot.final_write);
+  if (video) plan_movie(config, shot, result, plan);
   return plan;
 }
 

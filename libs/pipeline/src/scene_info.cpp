@@ -33,7 +33,7 @@ SceneInfo describe(const Scene& scene) {
       info.triangles += mesh->triangle_count();
       info.skinned += !mesh->skin.joints.empty();
       info.morphed += !mesh->morph_targets.empty();
-      info.cached += mesh->cache.size() > 1;
+      info.cached += mesh->cache.samples != nullptr;
     }
     info.spheres += std::holds_alternative<Sphere>(s.geometry);
     info.disks += std::holds_alternative<Disk>(s.geometry);

@@ -9,9 +9,12 @@
 #include <set>
 
 #include "hash.h"
+#include "shot_motion.h"
 #include "tempera/frames/files.h"
 #include "tempera/pipeline/materials.h"
+#include "tempera/pipeline/scene_edits.h"
 #include "tempera/scene/default_view.h"
+#include "tempera/shading/color_space.h"
 #include "tempera/stages/reconstruct.h"
 
 namespace tempera {
@@ -81,17 +84,22 @@ void settle_film(const ShotConfig& config, const Scene& scene, RenderSettings& s
                 fmt::format("the crop of {}x{} at {},{} is not inside of the picture of {}x{}", s.crop_width,
                             s.crop_height, s.crop_x, s.crop_y, s.width, s.height));
   }
-  const double scale = config.get_double("film.scale") / 100;
-  if (scale != 1) {
-    const auto scaled = [&](int v, int least) { return std::max(least, int(std::lround(v * scale))); };
-    if (std::max(s.width, s.height) * scale > kMaxSide) {
+  const double percent = config.get_double("film.scale");
+  if (percent != 100) {
+    // Truncated, as Blender does; the small number keeps 33.3 % of 1000 at 333 whatever binary fractions make of it.
+    const auto scaled = [&](int v) { return int(std::floor(v * percent / 100 + 1e-6)); };
+    if (std::max(s.width, s.height) * percent / 100 > kMaxSide) {
       throw out_of_range(config, "film.scale", fmt::format("the scaled resolution exceeds {} pixels", kMaxSide));
     }
-    s.width = scaled(s.width, 1), s.height = scaled(s.height, 1);
-    if (s.crop_width > 0) {
-      s.crop_x = std::min(scaled(s.crop_x, 0), s.width - 1), s.crop_y = std::min(scaled(s.crop_y, 0), s.height - 1);
-      s.crop_width = std::min(scaled(s.crop_width, 1), s.width - s.crop_x);
-      s.crop_height = std::min(scaled(s.crop_height, 1), s.height - s.crop_y);
+    s.width = std::max(scaled(s.width), 1), s.height = std::max(scaled(s.height), 1);
+    if (s.crop_width > 0) {  // by its edges, so that windows that share one still do
+      const auto side = [&](int& from, int& length, int size) {
+        const int end = scaled(from + length);
+        from = std::min(scaled(from), size - 1);
+        length = std::clamp(end - from, 1, size - from);
+      };
+      side(s.crop_x, s.crop_width, s.width);
+      side(s.crop_y, s.crop_height, s.height);
     }
   }
 
@@ -147,8 +155,9 @@ void settle_clock(const ShotConfig& config, const RenderDefaults& defaults, Fram
 }
 
 int find_camera(const ShotConfig& config, const Scene& scene) {
-  if (!config.find("camera")) return scene.default_camera;
-  const std::string& wanted = config.get_string("camera");
+  const char* key = config.find("camera") ? "camera" : "camera.name";
+  if (!config.find(key)) return scene.default_camera;
+  const std::string& wanted = config.get_string(key);
   std::vector<std::string> names;
   for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
     if (scene.cameras[i].name == wanted) return int(i);
@@ -159,7 +168,7 @@ int find_camera(const ShotConfig& config, const Scene& scene) {
   if (ec == std::errc() && end == wanted.data() + wanted.size() && index >= 0 && index < int(scene.cameras.size())) {
     return index;
   }
-  throw Error(ErrorCode::kUnknownName, config.loc("camera"),
+  throw Error(ErrorCode::kUnknownName, config.loc(key),
               fmt::format("the scene has no camera \"{}\"; it has: {}", wanted, nearest_names(wanted, names)));
 }
 
@@ -269,9 +278,9 @@ void settle_classes(const ShotConfig& config, RenderSettings& s) {
   }
 }
 
-/// The value under its own type if it came from TOML, converted from text if from the command line.
+/// The value under its own type if it is TOML, converted if it is text of the command line.
 void set_param(Params& params, const std::string& name, const ShotValue& value) {
-  if (value.loc.line > 0) {
+  if (!value.is_text) {
     params.set(name, value.value, value.loc);
   } else {
     params.set_text(name, to_text(value.value), value.loc);
@@ -302,8 +311,8 @@ void settle_integrator(const ShotConfig& config, const RenderDefaults& defaults,
     }
   }
   if (!left_out.empty()) {
-    log_warning(fmt::format("the integrator \"{}\" has no parameter {}: left out of the shot's", shot.integrator,
-                            fmt::join(left_out, ", ")));
+    log_warning(
+        fmt::format("the integrator \"{}\" has no parameter {}: ignored", shot.integrator, fmt::join(left_out, ", ")));
   }
 }
 
@@ -320,7 +329,7 @@ void replace_environment(const ShotConfig& config, Shot& shot, Scene& scene) {
     const auto c = parse_color(config.get_string("environment.radiance"));
     if (!c || std::min({c->r, c->g, c->b}) < 0) {
       throw Error(ErrorCode::kBadInput, config.loc("environment.radiance"),
-                  fmt::format("environment.radiance = \"{}\" is no radiance; write a number or three, from 0 up",
+                  fmt::format("environment.radiance = \"{}\" cannot be read; write one number or three, none below 0",
                               config.get_string("environment.radiance")));
     }
     env.radiance = *c;
@@ -329,31 +338,69 @@ void replace_environment(const ShotConfig& config, Shot& shot, Scene& scene) {
   if (config.find("environment.image")) {
     const std::string path = config.input_path("environment.image").string();
     try {
-      const Frame frame = read_frame(path);
+      ReadOptions stored;
+      stored.decode = false;
+      const Frame frame = read_frame(path, stored);
       const Image& image = frame.layer("color");
+      const std::string& id = config.get_string("environment.color_space");
+      const std::optional<ColorSpace> space = id.empty() ? file_color_space(path) : named_color_space(id);
+      if (!space) {
+        throw Error(ErrorCode::kUnknownName, config.loc("environment.color_space"),
+                    fmt::format("the color space \"{}\" is not known; write for example lin_rec709_scene, "
+                                "srgb_rec709_scene, lin_ap1_scene or data",
+                                id));
+      }
+      shot.edits += fmt::format(",space={}", id);
       env.width = image.width(), env.height = image.height();
       env.image.reserve(std::size_t(image.pixels()));
+      bool repaired = false;
       for (int y = 0; y < env.height; ++y) {
         for (int x = 0; x < env.width; ++x) {
-          const Rgb c = image.rgb(x, y);
+          const Rgb c = space->to_linear(image.rgb(x, y));
           // Overexposed or damaged pixels of captured maps; one would poison every sample of the light.
-          const auto safe = [](float v) { return std::isfinite(v) && v > 0 ? v : 0.0f; };
+          const auto safe = [&](float v) {
+            if (std::isfinite(v) && v >= 0) return v;
+            repaired = true;
+            return 0.0f;
+          };
           env.image.push_back({safe(c.r), safe(c.g), safe(c.b)});
         }
       }
+      if (repaired) {
+        log_warning(fmt::format(
+            "{}: pixels of an environment image that are negative, infinite or not a number are set to 0", path));
+      }
       shot.edits += fmt::format(",image={:016x}", hash_bytes(read_file(path)));
     } catch (const Error& e) {
+      if (e.loc().line > 0 || e.loc().file == ShotConfig::kCommandLine().file) throw;
       throw Error(e.code(), config.loc("environment.image"), e.what());
     }
   }
-  const double degrees = config.get_double("environment.rotation");
-  if (degrees != 0) {
+  const auto degrees = numbers<double>(config, "environment.rotation", 0, "an angle, or three around x, y and z");
+  const bool finite = std::all_of(degrees.begin(), degrees.end(), [](double d) { return std::abs(d) < 1e9; });
+  if ((degrees.size() != 1 && degrees.size() != 3) || !finite) {
+    throw Error(ErrorCode::kBadInput, config.loc("environment.rotation"),
+                fmt::format("environment.rotation = \"{}\" cannot be read; write one angle, or three around x, y and z",
+                            config.get_string("environment.rotation")));
+  }
+  const auto turn = [](const Vec3d& axis, double angle) {
+    return Affine3d(rotation(axis_angle(axis, angle * kPiD / 180)));
+  };
+  const Vec3d x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1};
+  Affine3d world_from_picture = turn(y, degrees[0]);
+  if (degrees.size() == 3) {
+    // Blender turns directions by its mapping before it looks into the picture, in whose middle is x and on top z.
+    constexpr Affine3d kFromBlender{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}};
+    const Affine3d mapping = turn(z, degrees[2]) * turn(y, degrees[1]) * turn(x, degrees[0]);
+    world_from_picture = kFromBlender * inverse(mapping) * inverse(kFromBlender) * turn(y, 90);
+  }
+  if (degrees.size() == 3 || degrees[0] != 0) {
     Node node;
     node.name = "shot environment";
-    node.local = AnimatedTransform(rotation(axis_angle(Vec3d{0, 1, 0}, degrees * kPiD / 180)));
+    node.local = AnimatedTransform(world_from_picture);
     env.node = int(scene.nodes.size());
     scene.nodes.push_back(std::move(node));
-    shot.edits += fmt::format(",rotation={}", degrees);
+    shot.edits += fmt::format(",rotation={}", fmt::join(degrees, ","));
   }
   const bool keep = config.get_bool("environment.keep");
   shot.edits += keep ? ",keep;" : ";";
@@ -400,10 +447,10 @@ ShotConfig read_shot_config(const std::filesystem::path& file) {
   if (std::find(extensions.begin(), extensions.end(), extension) == extensions.end()) {
     std::error_code ignored;
     if (!std::filesystem::exists(file, ignored)) {
-      throw Error(ErrorCode::kMissingFile, {file.string()}, "there is no such file");
+      throw Error(ErrorCode::kMissingFile, {file.string()}, "no such file");
     }
     throw Error(ErrorCode::kUnsupported, {file.string()},
-                fmt::format("\"{}\" is no scene; known: {}", extension, fmt::join(extensions, ", ")));
+                fmt::format("\"{}\" files are not scenes; known: {}", extension, fmt::join(extensions, ", ")));
   }
   config.set_text("scene", file.string(), ShotConfig::kCommandLine());
   return config;
@@ -416,15 +463,39 @@ Scene import_shot_scene(const ShotConfig& config, const ImportOptions& options, 
   ImportOptions import = options;
   import.fps = config.get_double("fps");
   import.animation = config.get_string("animation");
+  import.tints_once = config.get_string("solid_tint") == "once";
   for (const auto& [key, value] : config.table("define")) import.defines.emplace_back(key[0], to_text(value.value));
   const std::filesystem::path file = config.input_path("scene");
   if (std::error_code ignored; !std::filesystem::exists(file, ignored)) {
     // At the key that names it, if a file did.
     const SourceLoc loc = config.loc("scene").line > 0 ? config.loc("scene") : SourceLoc{file.string()};
-    throw Error(ErrorCode::kMissingFile, loc, fmt::format("there is no scene file {}", file.string()));
+    throw Error(ErrorCode::kMissingFile, loc, fmt::format("the scene file {} does not exist", file.string()));
   }
   return import_scene(file, import, warnings);
 }
+
+namespace {
+
+void settle_motion(const ShotConfig& config, Scene& scene, Shot& shot) {
+  RenderSettings& s = shot.settings;
+  std::vector<int> cuts;
+  if (config.find("cuts")) cuts = numbers<int>(config, "cuts", 0, "frame numbers, e.g. [8, 120]");
+  if (!cuts.empty()) {
+    cut_motion(scene, s.clock, cuts);
+    shot.edits += fmt::format("cuts:{}", fmt::join(cuts, ","));
+  }
+  s.cuts = find_cuts(scene, s, cuts);
+  std::optional<int> segments;
+  if (const std::string& text = config.get_string("motion_segments"); text != "auto") {
+    segments = numbers<int>(config, "motion_segments", 1, "auto, or a whole number from 1 to 1024")[0];
+    if (*segments < 1 || *segments > 1024) {
+      throw out_of_range(config, "motion_segments", fmt::format("motion_segments = {} is not within 1 to 1024", *segments));
+    }
+  }
+  shot.motion_segments = settle_motion_segments(scene, s, segments);
+}
+
+}  // namespace
 
 Shot settle_shot(const ShotConfig& config, Scene& scene) {
   Shot shot;
@@ -438,6 +509,8 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   settle_film(config, scene, s);
   settle_clock(config, scene.defaults, s.clock);
   s.camera = find_camera(config, scene);
+  shot.edits += edit_cameras(config, s, scene);
+  shot.edits += attach_caches(config, s.clock, scene);
   s.spp = config.find("sampling.spp") ? config.get_int("sampling.spp") : scene.defaults.spp.value_or(s.spp);
   s.seed = std::uint64_t(config.get_int("sampling.seed"));
   s.seed_per_frame = config.get_bool("sampling.seed_per_frame");
@@ -456,12 +529,18 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
 
   settle_frames(config, scene, shot);
   settle_reconstruction(config, shot);
-  shot.output = config.get_string("output.path");
+  if (config.find("output.path"))
+    shot.output = settle_output(config, shot, "output.path", shot_name(shot.source) + ".####.exr");
   shot.write.compression = parse_compression(config.get_string("output.compression"));
   shot.write.half = config.get_bool("output.half");
   shot.write.names = parse_aov_names(config.get_string("output.aov_names"));
+  shot.write.view_layer = config.get_string("output.view_layer");
+  if (shot.write.view_layer.empty() || shot.write.view_layer.find('.') != std::string::npos) {
+    throw Error(
+        ErrorCode::kBadInput, config.loc("output.view_layer"),
+        fmt::format("\"{}\" cannot name a view layer: it must hold something, and no dot", shot.write.view_layer));
+  }
   shot.final_write = shot.write;
-  shot.motion_segments = config.get_int("motion_segments");
   shot.video_path = config.get_string("video.path");
   shot.video_path_is_typed = config.find("video.path") && config.loc("video.path").line == 0;
   shot.video.fps = config.get_double("video.fps") > 0 ? config.get_double("video.fps") : s.clock.fps;
@@ -470,13 +549,21 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   shot.video.layer = config.get_string("video.layer");
   shot.video.display.exposure = float(config.get_double("video.exposure"));
   shot.video.display.tone_map = parse_tone_map(config.get_string("video.tone_map"));
+  if (config.find("bend_normals")) {
+    scene.bend_normals = config.get_bool("bend_normals");
+    shot.edits += fmt::format("bend_normals={};", scene.bend_normals);
+  }
+  if (config.find("solid_tint")) shot.edits += fmt::format("solid_tint={};", config.get_string("solid_tint"));
   replace_environment(config, shot, scene);
   replace_materials(config, shot, scene);
+  shot.edits += edit_lights(config, s.clock, scene);
   if (!has_light(scene)) {
     add_default_light(scene);
     log_warning(
         fmt::format("{} has no light: adding a dim environment and a directional light", scene.source.string()));
   }
+
+  settle_motion(config, scene, shot);
 
   // Which layers an integrator can write is its own knowledge; ask it before a ray is traced.
   try {
@@ -485,11 +572,37 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
       log_warning("differences of 16-bit floats are too coarse to reconstruct from: rendered files hold 32-bit floats");
       shot.write.half = false;
     }
-  } catch (const Error& e) {
-    if (!e.loc().file.empty()) throw;
-    throw Error(e.code(), config.loc("output.layers"), e.message());
+  } catch (const SettingError& e) {
+    // Where the scene or a default made the setting, the choice of the integrator is at fault.
+    throw Error(e.code(), config.loc(config.find(e.key()) ? e.key() : "integrator.name"), e.message());
   }
   return shot;
+}
+
+std::string shot_name(const std::filesystem::path& source) {
+  const std::string stem = source.stem().string();
+  const std::string folder = std::filesystem::absolute(source).parent_path().filename().string();
+  const bool generic = stem == "shot" || stem.starts_with("shot_");
+  return generic && !folder.empty() ? folder + stem.substr(4) : stem;
+}
+
+std::string settle_output(const ShotConfig& config, const Shot& shot, const std::string& key, const std::string& name) {
+  const SourceLoc loc = config.loc(key);
+  const bool single = shot.frames.size() == 1 && (!shot.is_part || loc.line == 0);
+  try {
+    return output_pattern(config.get_string(key), name, single);
+  } catch (const Error& e) {
+    throw Error(loc.line > 0 ? ErrorCode::kBadInput : ErrorCode::kUsage, loc, e.message());
+  }
+}
+
+void check_shot_encoding(const ShotConfig& config, const std::vector<LayerDesc>& layers, const WriteOptions& options) {
+  try {
+    check_encoding(layers, options);
+  } catch (const Error& e) {
+    throw Error(e.code(), config.loc(config.find("output.compression") ? "output.compression" : "output.aov_names"),
+                e.message());
+  }
 }
 
 LoadedShot load_shot(const ShotConfig& config, const ImportOptions& options, Warnings& warnings) {
@@ -503,7 +616,7 @@ std::string fingerprint(const Shot& shot, const Scene& scene, int frame) {
   const WriteOptions& w = shot.write;
   return hash_hex(fmt::format("{};{:016x};{};{};{}:{};motion={};frame={};half={};names={};lossy={}", TEMPERA_VERSION,
                               scene.content_hash, shot.edits, shot.settings.canonical(), shot.integrator,
-                              shot.params.canonical(), shot.motion_segments, frame, w.half, int(w.names),
+                              shot.params.canonical(), shot.motion_segments, frame, w.half, names_text(w),
                               w.compression == Compression::kDwaa));
 }
 

@@ -23,6 +23,14 @@ std::string join_key(const KeyPath& key) {
   return s;
 }
 
+namespace {
+std::string_view trimmed(std::string_view text) {
+  while (!text.empty() && std::isspace(static_cast<unsigned char>(text.front()))) text.remove_prefix(1);
+  while (!text.empty() && std::isspace(static_cast<unsigned char>(text.back()))) text.remove_suffix(1);
+  return text;
+}
+}  // namespace
+
 KeyPath parse_key(std::string_view text, const SourceLoc& loc) {
   const auto fail = [&] {
     return Error(
@@ -31,24 +39,25 @@ KeyPath parse_key(std::string_view text, const SourceLoc& loc) {
                     text));
   };
   KeyPath key;
-  std::string_view rest = text;
+  std::string_view rest = trimmed(text);
   for (;;) {
-    std::string part;
-    if (rest.starts_with('"')) {
-      const auto end = rest.find('"', 1);
+    std::string_view part;
+    if (rest.starts_with('"') || rest.starts_with('\'')) {
+      const auto end = rest.find(rest.front(), 1);
       if (end == std::string_view::npos) throw fail();
       part = rest.substr(1, end - 1);
       rest.remove_prefix(end + 1);
     } else {
       const auto end = std::min(rest.find('.'), rest.size());
-      part = rest.substr(0, end);
+      part = trimmed(rest.substr(0, end));
       rest.remove_prefix(end);
     }
     if (part.empty()) throw fail();
-    key.push_back(std::move(part));
+    key.emplace_back(part);
+    rest = trimmed(rest);
     if (rest.empty()) return key;
     if (rest.front() != '.') throw fail();
-    rest.remove_prefix(1);
+    rest = trimmed(rest.substr(1));
   }
 }
 
@@ -104,15 +113,15 @@ SourceLoc place(const std::string& file, const toml::source_region& region) {
 const char* kind(const toml::node& node) {
   switch (node.type()) {
     case toml::node_type::table:
-      return "table";
+      return "a table";
     case toml::node_type::array:
-      return "array";
+      return "an array";
     case toml::node_type::date:
     case toml::node_type::time:
     case toml::node_type::date_time:
-      return "date or time";
+      return "a date or time";
     default:
-      return "value";
+      return "a value";
   }
 }
 
@@ -128,20 +137,20 @@ ParamValue scalar(const toml::node& node, const std::string& key, const SourceLo
     return int(v->get());
   }
   throw Error(ErrorCode::kBadInput, loc,
-              fmt::format("{} is a {}; expected a number, a string or a bool", key, kind(node)));
-}
-
-/// The elements joined by ',': the text that the command line would have.
-std::string joined(const toml::array& array, const std::string& key, const std::string& file) {
-  std::string text;
-  for (const toml::node& element : array) {
-    if (!text.empty()) text += ',';
-    text += to_text(scalar(element, key, place(file, element.source())));
-  }
-  return text;
+              fmt::format("{} is {}; expected a number, a string or a bool", key, kind(node)));
 }
 
 }  // namespace
+
+/// A node with what messages about it name as its places; on the command line that is the same for all nodes.
+struct ShotConfig::Node {
+  const toml::node& toml;
+  std::string file;
+  SourceLoc key_loc;
+  bool in_file = true;
+
+  SourceLoc loc(const toml::node& of) const { return in_file ? place(file, of.source()) : key_loc; }
+};
 
 void ShotConfig::read_file(const std::filesystem::path& file) {
   read_text(tempera::read_file(file.string()), file.string(), file.parent_path());
@@ -156,54 +165,62 @@ void ShotConfig::read_text(std::string_view text, const std::string& file, const
   } catch (const toml::parse_error& e) {
     throw Error(ErrorCode::kSyntax, place(file, e.source()), std::string(e.description()));
   }
-  const auto visit = [&](auto&& self, const toml::table& table, const KeyPath& prefix) -> void {
-    for (const auto& [name, node] : table) {
-      KeyPath key = prefix;
-      key.emplace_back(name.str());
-      const SourceLoc key_loc = place(file, name.source()), loc = place(file, node.source());
-      const OpenTable* open = find_table(key[0]);
-      if (const auto* inner = node.as_table();
-          inner && (open || key.size() == 1) && key.size() <= std::size_t(open ? open->depth : 1)) {
-        if (!open && std::none_of(shot_keys().begin(), shot_keys().end(),
-                                  [&](const ShotKey& k) { return k.spec.name.starts_with(key[0] + "."); })) {
-          throw unknown_table(key, key_loc);
-        }
-        self(self, *inner, key);
-        continue;
-      }
-      const std::string dotted = join_key(key);
-      if (const auto* array = node.as_array()) {
-        const ShotKey* fixed = find_key(dotted);
-        if ((fixed && !fixed->list) || (!fixed && !open)) {
-          if (!fixed) set(key, std::string(), true, loc, key_loc);  // reports the unknown key
-          throw Error(ErrorCode::kBadInput, loc,
-                      fmt::format("{} is an array; expected a {}", dotted, type_name(fixed->spec.fallback)));
-        }
-        set(key, joined(*array, dotted, file), false, loc, key_loc);
-      } else if (node.is_table()) {
-        throw unknown_table(key, key_loc);
-      } else {
-        set(key, scalar(node, dotted, loc), false, loc, key_loc);
-      }
-    }
-  };
-  visit(visit, root, {});
+  for (const auto& [name, node] : root) set_node({std::string(name.str())}, {node, file, place(file, name.source())});
 }
 
-void ShotConfig::set(const KeyPath& key, const ParamValue& value, bool as_text, const SourceLoc& loc,
-                     const SourceLoc& key_loc) {
+void ShotConfig::set_node(const KeyPath& key, const Node& node) {
+  const OpenTable* open = find_table(key[0]);
+  const std::string dotted = join_key(key);
+  if (const auto* inner = node.toml.as_table()) {
+    if (key.size() > std::size_t(open ? open->depth : 1)) throw unknown_table(key, node.key_loc);
+    if (!open && std::none_of(shot_keys().begin(), shot_keys().end(),
+                              [&](const ShotKey& k) { return k.spec.name.starts_with(key[0] + "."); })) {
+      throw unknown_table(key, node.key_loc);
+    }
+    for (const auto& [name, value] : *inner) {
+      KeyPath longer = key;
+      longer.emplace_back(name.str());
+      set_node(longer, {value, node.file, node.in_file ? place(node.file, name.source()) : node.key_loc, node.in_file});
+    }
+    return;
+  }
+  const SourceLoc loc = node.loc(node.toml);
+  if (const auto* array = node.toml.as_array()) {
+    const ShotKey* fixed = find_key(dotted);
+    if (fixed && !fixed->list) {
+      throw Error(ErrorCode::kBadInput, loc,
+                  fmt::format("{} is an array; expected {}", dotted, with_article(type_name(fixed->spec.fallback))));
+    }
+    const bool keyframes = fixed ? fixed->keyframes : open && open->depth == 2;
+    const auto joined = [&](auto&& self, const toml::array& list, char separator) -> std::string {
+      std::string text;  // as --set has it without brackets
+      for (const toml::node& element : list) {
+        if (!text.empty()) text += separator;
+        const auto* pair = separator == ',' && keyframes ? element.as_array() : nullptr;
+        text += pair ? self(self, *pair, ':') : to_text(scalar(element, dotted, node.loc(element)));
+      }
+      return text;
+    };
+    const std::string text = fixed || open ? joined(joined, *array, ',') : "";
+    set(key, {text, loc}, node.key_loc);
+    return;
+  }
+  set(key, {scalar(node.toml, dotted, loc), loc}, node.key_loc);
+}
+
+void ShotConfig::set(const KeyPath& key, const ShotValue& value, const SourceLoc& key_loc) {
   const std::string dotted = join_key(key);
   if (const ShotKey* fixed = find_key(dotted)) {
     Params check(std::span(&fixed->spec, 1));
     // A list of one number may be written without brackets.
-    const bool number = fixed->list && !std::holds_alternative<std::string>(value);
-    if (as_text || number) {
-      check.set_text(dotted, to_text(value), loc);
+    const bool number = fixed->list && !std::holds_alternative<std::string>(value.value);
+    if (value.is_text || number) {
+      check.set_text(dotted, to_text(value.value), value.loc);
     } else {
-      check.set(dotted, value, loc);
+      check.set(dotted, value.value, value.loc);
     }
     ShotValue& out = values_[key];
-    out.loc = loc;
+    out.loc = value.loc;
     switch (fixed->spec.fallback.index()) {
       case 0:
         out.value = check.get_bool(dotted);
@@ -217,29 +234,56 @@ void ShotConfig::set(const KeyPath& key, const ParamValue& value, bool as_text, 
       default:
         out.value = check.get_string(dotted);
     }
-    if (loc.line > 0) file_values_[key] = out;  // only files have lines
+    if (value.loc.line > 0) file_values_[key] = out;  // only files have lines
     return;
   }
   const OpenTable* open = find_table(key[0]);
   if (!open || key.size() != std::size_t(open->depth) + 1) {
     throw Error(ErrorCode::kUnknownName, key_loc, fmt::format("unknown key \"{}\"; {}", dotted, known_keys(key)));
   }
-  values_[key] = {value, loc};
+  values_[key] = value;
 }
 
 void ShotConfig::set_text(const std::string& key, const std::string& text, const SourceLoc& loc) {
-  set(parse_key(key, loc), text, true, loc, loc);
+  set(parse_key(key, loc), {text, loc, true}, loc);
 }
 
 void ShotConfig::assign(const std::string& assignment, const SourceLoc& loc) {
   // The first '=' outside of quotes: names of materials may hold one.
-  bool quoted = false;
-  for (std::size_t i = 0; i < assignment.size(); ++i) {
-    if (assignment[i] == '"') quoted = !quoted;
-    if (assignment[i] == '=' && !quoted && i > 0)
-      return set_text(assignment.substr(0, i), assignment.substr(i + 1), loc);
+  char quote = 0;
+  std::size_t equals = 0;
+  for (; equals < assignment.size() && (quote != 0 || assignment[equals] != '='); ++equals) {
+    const char c = assignment[equals];
+    if (quote != 0 ? c == quote : c == '"' || c == '\'') quote = quote != 0 ? char(0) : c;
   }
-  throw Error(ErrorCode::kUsage, loc, fmt::format("\"{}\" is not of the form key=value", assignment));
+  if (equals == 0 || equals >= assignment.size()) {
+    throw Error(ErrorCode::kUsage, loc, fmt::format("\"{}\" is not of the form key=value", assignment));
+  }
+  const KeyPath key = parse_key(std::string_view(assignment).substr(0, equals), loc);
+  const std::string text(trimmed(std::string_view(assignment).substr(equals + 1)));
+  const bool is_toml = !text.empty() && std::string_view("[{\"'").find(text[0]) != std::string_view::npos;
+  toml::table parsed;
+  try {
+    parsed = toml::parse("value = " + text);
+  } catch (const toml::parse_error& e) {
+    if (is_toml) {
+      throw Error(ErrorCode::kSyntax, loc,
+                  fmt::format("cannot read the value of {}: {}", join_key(key), e.description()));
+    }
+  }
+  if (is_toml) {
+    if (parsed.size() != 1) {
+      throw Error(ErrorCode::kUsage, loc, fmt::format("\"{}\" is more than one key=value", assignment));
+    }
+    set_node(key, {*parsed.get("value"), "", loc, false});
+    return;
+  }
+  // Numbers in the spellings of TOML: 1_000, 0xff, +1. A name that looks like one stays as it is.
+  const ShotKey* fixed = find_key(join_key(key));
+  const bool is_name = key[0] == "define" || (fixed && std::holds_alternative<std::string>(fixed->spec.fallback));
+  const toml::node* number = is_name || parsed.size() != 1 ? nullptr : parsed.get("value");
+  const bool converts = number && number->is_number() && text.find_first_of("_xobXOB+") != std::string::npos;
+  set(key, {converts ? to_text(scalar(*number, join_key(key), loc)) : text, loc, true}, loc);
 }
 
 const ShotValue* ShotConfig::find(const std::string& key) const {

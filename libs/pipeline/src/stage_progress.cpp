@@ -59,7 +59,7 @@ class Plain : public Counting {
 
  protected:
   void finished_frame(int frame, const std::string& path) override {
-    if (log_level() >= LogLevel::kInfo) print(stderr, done_line(frame, path));
+    if (log_level() >= LogLevel::kInfo) write_now(stderr, done_line(frame, path));
   }
 };
 
@@ -74,7 +74,7 @@ class Bar : public Counting {
                                   left < 0 ? "?" : clock_text(left)));
   }
   void finished_frame(int, const std::string&) override { update(); }
-  void end(double) override { bar_.clear(); }
+  void end(double) override { bar_.hide(); }
 
  private:
   ProgressBar bar_;
@@ -86,16 +86,16 @@ class Json : public Counting {
 
  protected:
   void started(const std::vector<int>& frames) override {
-    print_event({{"event", "start"}, {"frames", frames}, {"skipped", skipped_}});
+    write_event({{"event", "start"}, {"frames", frames}, {"skipped", skipped_}});
   }
   void update() override {
-    print_event({{"event", "progress"}, {"percent", 100 * step_.share(share_)}, {"seconds_left", seconds_left()}});
+    write_event({{"event", "progress"}, {"percent", 100 * step_.share(share_)}, {"seconds_left", seconds_left()}});
   }
   void finished_frame(int frame, const std::string& path) override {
-    print_event({{"event", "done"}, {"frame", frame}, {"path", path}});
+    write_event({{"event", "done"}, {"frame", frame}, {"path", path}});
   }
   void end(double seconds) override {
-    print_event({{"event", "end"}, {"frames", done_}, {"skipped", skipped_}, {"seconds", seconds}});
+    write_event({{"event", "end"}, {"frames", done_}, {"skipped", skipped_}, {"seconds", seconds}});
   }
 
  private:
@@ -108,14 +108,14 @@ class OpenJd : public Counting {
 
  protected:
   void started(const std::vector<int>& frames) override {
-    print_openjd_progress(step_, 0);
-    print(stdout, fmt::format("openjd_status: {} frames to do, {} finished before\n", frames.size(), skipped_));
+    write_openjd_progress(step_, 0);
+    write_now(stdout, fmt::format("openjd_status: {} frames to do, {} finished before\n", frames.size(), skipped_));
   }
-  void update() override { print_openjd_progress(step_, share_); }
-  void finished_frame(int frame, const std::string& path) override { print(stdout, done_line(frame, path)); }
+  void update() override { write_openjd_progress(step_, share_); }
+  void finished_frame(int frame, const std::string& path) override { write_now(stdout, done_line(frame, path)); }
   void end(double seconds) override {
-    print_openjd_progress(step_, 1);
-    print(stdout, fmt::format("openjd_status: {} frames done in {}\n", done_, clock_text(seconds)));
+    write_openjd_progress(step_, 1);
+    write_now(stdout, fmt::format("openjd_status: {} frames done in {}\n", done_, clock_text(seconds)));
   }
 
  private:

@@ -113,7 +113,7 @@ class Connection {
   }
   explicit operator bool() const { return fd_ >= 0; }
 
-  /// Not connected if nobody answers before `give_up()` or two seconds.
+  /// Not connected if no viewer answers before `give_up()` or two seconds.
   template <class F>
   static Connection open(const TevAddress& address, F&& give_up) {
     addrinfo hints{}, *list = nullptr;

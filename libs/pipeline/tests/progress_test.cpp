@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "tempera/core/log.h"
 #include "tempera/pipeline/stage_progress.h"
 
 namespace tempera {
@@ -55,6 +56,31 @@ TEST(Progress, JsonIsOneObjectPerLine) {
   EXPECT_EQ(events[2].at("path"), "out/\"f\".exr");
   EXPECT_EQ(events[2].at("samples"), 100);
   EXPECT_EQ(events[5].at("frames"), 2);
+}
+
+TEST(Progress, WarningsAndErrorsAreEvents) {
+  testing::internal::CaptureStdout();
+  testing::internal::CaptureStderr();
+  write_warning_events();
+  Warnings collected;
+  collected.add("\"ewa\" is treated as bilinear", {"a.xml", 3, 7});
+  collected.add("\"ewa\" is treated as bilinear", {"a.xml", 9, 1});
+  collected.report();
+  log_warning("the disk is nearly full");
+  set_warning_observer({});
+  log_warning("not told");
+  write_error_event(Error(ErrorCode::kMissingFile, {"shot.toml", 2, 9}, "there is no scene"), 4);
+  const std::string out = testing::internal::GetCapturedStdout(), err = testing::internal::GetCapturedStderr();
+  EXPECT_EQ(out,
+            "{\"event\":\"warning\",\"kind\":\"input\",\"message\":\"\\\"ewa\\\" is treated as bilinear\",\"count\":2,"
+            "\"file\":\"a.xml\",\"line\":3,\"column\":7}\n"
+            "{\"event\":\"warning\",\"kind\":\"general\",\"message\":\"the disk is nearly full\",\"count\":1}\n"
+            "{\"event\":\"error\",\"kind\":\"missing_file\",\"message\":\"there is no scene\",\"status\":4,"
+            "\"file\":\"shot.toml\",\"line\":2,\"column\":9}\n");
+  EXPECT_EQ(err,
+            "warning: \"ewa\" is treated as bilinear (2 times, first at a.xml:3:7)\n"
+            "warning: the disk is nearly full\nwarning: not told\n")
+      << "people read them as before";
 }
 
 TEST(Progress, OpenJobDescriptionLines) {

@@ -103,6 +103,35 @@ ErrorCode code_of(const std::function<void()>& f) {
   return ErrorCode::kDiffers;  // nothing was thrown
 }
 
+TEST_F(RenderSequence, CamerasThatAFrameCannotBeSeenThroughAreRefusedFirst) {
+  // Scale, and in turn NaN, of the camera in the last of three frames alone.
+  fs::create_directories(folder_);
+  const double d = 1 / shot_.settings.clock.fps;
+  for (const double bad : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN()}) {
+    scene_.nodes[1].local.keyed = true;
+    scene_.nodes[1].local.scale = Animated<Vec3d>({2.6 * d, 3 * d}, {{1, 1, 1}, {1, 1, bad}}, Interpolation::kLinear);
+    try {
+      render();
+      ADD_FAILURE() << "accepted " << bad;
+    } catch (const Error& e) {
+      EXPECT_EQ(e.code(), ErrorCode::kBadInput);
+      // Motion vectors look one frame ahead.
+      EXPECT_NE(e.message().find("frame 2: camera"), std::string::npos) << e.what();
+    }
+    EXPECT_EQ(files(), 0u) << "nothing was rendered";
+  }
+}
+
+TEST_F(RenderSequence, FramesNeverReplaceEachOther) {
+  fs::create_directories(folder_);
+  shot_.output = (folder_ / "f.exr").string();
+  EXPECT_EQ(code_of([&] { render(); }), ErrorCode::kUsage);
+  EXPECT_EQ(files(), 0u);
+  shot_.frames = {2};
+  render();
+  EXPECT_TRUE(fs::exists(folder_ / "f.exr"));
+}
+
 TEST_F(RenderSequence, WritesFramesWithTheirRecord) {
   const RenderReport report = render();
   EXPECT_EQ(report.frames.size(), 3u);

@@ -43,10 +43,23 @@ TEST(RunPlan, FilesHaveTheirPlaces) {
   EXPECT_EQ(pattern.video_path, "a/f.mp4");
   EXPECT_EQ(plan("", {"output.path=a/####.exr"}).video_path, "a/movie.mp4");
   EXPECT_EQ(plan("", {"output.path=a/f.exr"}).output, "a/f.####.exr");
-  EXPECT_EQ(plan("", {"output.path=a.b"}).output, "a.b/dance.####.exr");
+  EXPECT_EQ(plan("", {"output.path=a.b"}).output, "a.b/scene.####.exr") << "called after what was read";
+  EXPECT_EQ(plan("", {"output.path=a/f.@@@"}).output, "a/f.@@@.exr");
   EXPECT_EQ(plan("[video]\ncodec = \"ffv1\"\n").video_path, "out/dance/dance.mkv");
   EXPECT_EQ(plan(kTemporal + "[reconstruct]\npath = \"b/g.####.exr\"\n").output, "b/g.####.exr");
   EXPECT_EQ(plan(kTemporal + "[reconstruct]\npath = \"b\"\n").output, "b/dance.####.exr");
+}
+
+TEST(RunPlan, OneFrameIsOneFile) {
+  EXPECT_EQ(plan("", {"frames=5", "output.path=a/f.exr"}).output, "a/f.exr");
+  EXPECT_EQ(plan("[output]\npath = \"a/f.exr\"\n", {"frames=5"}).output, "a/f.####.exr")
+      << "parts of a shot that names its files must not replace each other";
+  const RunPlan still = plan("[integrator]\nname = \"gradient_path\"\n", {"frames=5", "output.path=a/f.exr"});
+  EXPECT_EQ(still.render.output, "a/f.exr");
+  EXPECT_EQ(still.output, "a/final/f.exr");
+  const RunPlan temporal = plan(kTemporal, {"frames=5", "output.path=a/f.exr", "reconstruct.path=b/g.exr"});
+  EXPECT_EQ(temporal.render.output, "a/f.####.exr") << "neighbors are rendered as well";
+  EXPECT_EQ(temporal.output, "b/g.exr");
 }
 
 TEST(RunPlan, PartsRenderWhatTheirWindowsReach) {
@@ -54,11 +67,11 @@ TEST(RunPlan, PartsRenderWhatTheirWindowsReach) {
   EXPECT_EQ(part.frames.size(), 50u);
   EXPECT_EQ(part.render.frames.front(), 45);
   EXPECT_EQ(part.render.frames.back(), 104);
-  EXPECT_EQ(part.beside, (std::vector<int>{45, 46, 47, 48, 49, 100, 101, 102, 103, 104}));
+  EXPECT_EQ(part.neighbors, (std::vector<int>{45, 46, 47, 48, 49, 100, 101, 102, 103, 104}));
   EXPECT_EQ(part.sequence, (FrameRange{1, 240}));
-  EXPECT_TRUE(plan(kTemporal).beside.empty());
-  EXPECT_TRUE(plan("", {"frames=51-100"}).beside.empty()) << "nothing is reconstructed";
-  EXPECT_TRUE(plan("[integrator]\nname = \"gradient_path\"\n", {"frames=51-100"}).beside.empty());
+  EXPECT_TRUE(plan(kTemporal).neighbors.empty());
+  EXPECT_TRUE(plan("", {"frames=51-100"}).neighbors.empty()) << "nothing is reconstructed";
+  EXPECT_TRUE(plan("[integrator]\nname = \"gradient_path\"\n", {"frames=51-100"}).neighbors.empty());
   EXPECT_EQ(plan("", {"frames=9,3"}).render.frames, (std::vector<int>{9, 3})) << "in the order written";
   const RunPlan beyond = plan(kTemporal, {"frames=236-250"});
   EXPECT_EQ(beyond.sequence, (FrameRange{1, 250}));
@@ -73,7 +86,8 @@ TEST(RunPlan, MoviesOfPartsDoNotReplaceThatOfTheWhole) {
 }
 
 TEST(RunPlan, WhatWasAskedOfFilesHoldsForTheResult) {
-  const RunPlan p = plan(kTemporal + "[output]\nhalf = true\naov_names = \"blender\"\ncompression = \"dwaa\"\n");
+  const std::string spatial = "[integrator]\nname = \"gradient_path\"\n";
+  const RunPlan p = plan(spatial + "[output]\nhalf = true\naov_names = \"blender\"\ncompression = \"dwaa\"\n");
   EXPECT_FALSE(p.render.write.half);
   EXPECT_EQ(p.render.write.names, AovNames::kTempera);
   EXPECT_EQ(p.render.write.compression, Compression::kZip);
@@ -94,6 +108,11 @@ TEST(RunPlan, ErrorsNameTheirPlace) {
   const Error same = error_of(kTemporal + "[reconstruct]\npath = \"out/../out/dance\"\n");
   EXPECT_EQ(same.code(), ErrorCode::kBadInput);
   EXPECT_EQ(same.loc().line, 6) << same.what();
+  EXPECT_EQ(error_of("[output]\npath = \"a/f.####.png\"\n").loc().line, 4);
+  EXPECT_EQ(error_of(kTemporal + "[reconstruct]\npath = \"b/f.TIF\"\n").loc().line, 6);
+  const Error lossy = error_of("[output]\nlayers = [\"normal\", \"cryptomatte\"]\ncompression = \"dwaa\"\n");
+  EXPECT_EQ(lossy.code(), ErrorCode::kUnsupported);
+  EXPECT_EQ(lossy.loc().line, 5) << lossy.what();
   EXPECT_EQ(error_of("[video]\npath = \"a.gif\"\n").loc().line, 4);
   EXPECT_EQ(error_of("[video]\npath = \"a.mp4\"\ncodec = \"ffv1\"\n").loc().line, 4);
   EXPECT_EQ(error_of(kTemporal + "[video]\nlayer = \"grad.x\"\n").loc().line, 6);

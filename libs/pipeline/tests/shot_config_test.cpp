@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <map>
 #include <set>
 
 namespace tempera {
@@ -67,6 +68,96 @@ TEST(ShotConfig, CommandLineReplacesTheFile) {
   EXPECT_EQ(c.input_path("scene"), std::filesystem::path("here.xml")) << "relative to the current directory";
 }
 
+/// Values by key as text, whatever gave them.
+std::map<std::string, std::string> values_of(const ShotConfig& c) {
+  std::map<std::string, std::string> out;
+  for (const ShotKey& k : shot_keys()) {
+    if (const ShotValue* v = c.find(k.spec.name)) out[k.spec.name] = to_text(v->value);
+  }
+  for (const OpenTable& t : shot_tables()) {
+    for (const auto& [key, value] : c.table(t.name)) {
+      std::string name = t.name;
+      for (const std::string& part : key) name += "/" + part;
+      out[name] = to_text(value.value);
+    }
+  }
+  return out;
+}
+
+TEST(ShotConfig, SetTakesWhatTheFileTakes) {
+  // Each a line of a file without tables.
+  for (const char* line : {"shutter.curve=[0, 1, 1, 0]",
+                           "shutter.curve = [ 0.0, 0.5,1.0 ]",
+                           "film.resolution=[640, 360]",
+                           "film.crop = [1, 2, 30, 40]",
+                           "environment.radiance=[1, 0.5, 0.25]",
+                           "environment.radiance=2",
+                           "environment.radiance=[0.5]",
+                           "output.layers=[\"albedo\", 'normal']",
+                           "output.layers=\"motion\"",
+                           "frames=[1, 5, \"7-9\"]",
+                           "frames=\"1-24\"",
+                           "camera=\"Main Camera\"",
+                           "camera='0'",
+                           "fps=23.976",
+                           "fps=1_0",
+                           "first_frame=+3",
+                           "sampling.seed=0x10",
+                           "sampling.seed_per_frame=false",
+                           "output.half=true",
+                           "fps=1e2",
+                           "film={resolution=[64, 48], scale=50, filter=\"tent\"}",
+                           "classes={dd=\"ED\", s=\"E[RT]+\"}",
+                           "materials.\"My.Glass\"={type=\"dielectric\", int_ior=1.5}",
+                           "materials.'a=b'.reflectance=[1, 0.5, 0]",
+                           "materials={G={type=\"diffuse\"}}",
+                           "integrator={name=\"path\", max_depth=5}",
+                           "integrator.max_depth=5",
+                           "define.name=\"a, b\"",
+                           "video={path=\"a.mp4\", crf=20}",
+                           "reconstruct.norm=\"l2\"",
+                           "\"film\".\"scale\"=50"}) {
+    ShotConfig typed;
+    ASSERT_NO_THROW(typed.assign(line)) << line;
+    EXPECT_EQ(values_of(typed), values_of(read(line))) << line;
+    EXPECT_FALSE(values_of(typed).empty()) << line;
+  }
+}
+
+TEST(ShotConfig, SetTakesBareText) {
+  const auto value = [](const char* text, const char* key) {
+    ShotConfig c;
+    c.assign(text);
+    return to_text(c.find(key)->value);
+  };
+  EXPECT_EQ(value("film.resolution=640x360", "film.resolution"), "640x360");
+  EXPECT_EQ(value("frames=1-24", "frames"), "1-24");
+  EXPECT_EQ(value("camera=0x10", "camera"), "0x10") << "a name";
+  EXPECT_EQ(value("camera=1979-05-27", "camera"), "1979-05-27");
+  EXPECT_EQ(value("output.path=out/a b/f.exr", "output.path"), "out/a b/f.exr");
+  EXPECT_EQ(value("first_frame=0010", "first_frame"), "10");
+  EXPECT_EQ(value("sampling.seed_per_frame=off", "sampling.seed_per_frame"), "false");
+}
+
+TEST(ShotConfig, SetRefusesWhatTheFileRefuses) {
+  for (const char* line :
+       {"sampling.spp=[1]", "sampling.spp=\"4\"", "sampling.spp={a=1}", "film.crop=[1, [2]]", "film.crop=[1, 2",
+        "camera=\"a", "film={scale=0}", "film={resolutoin=[1, 2]}", "flim={scale=50}", "film.filter={name=\"box\"}",
+        "sampling.seed=9999999999", "fps=1979-05-27", "camera=[\"a\"]", "integrator={a={b=1}}", "materials.G=[1, 2]"}) {
+    ShotConfig c;
+    try {
+      c.assign(line);
+      ADD_FAILURE() << "accepted " << line;
+    } catch (const Error& e) {
+      EXPECT_EQ(e.loc().file, "<command line>") << line;
+      EXPECT_EQ(std::string(e.what()).find('\n'), std::string::npos) << e.what();
+    }
+    EXPECT_THROW(read(line), Error) << line;
+  }
+  ShotConfig c;
+  EXPECT_THROW(c.assign("film.crop=[1, 2, 3, 4]\nsampling.spp=3"), Error) << "one at a time";
+}
+
 struct Bad {
   const char* text;
   ErrorCode code;
@@ -94,7 +185,7 @@ INSTANTIATE_TEST_SUITE_P(
                     Bad{"[reconstruct]\nnorm = \"l3\"\n", ErrorCode::kUnknownName, 2, 8, "l1, l2"},
                     Bad{"[flim]\nfilter = \"box\"\n", ErrorCode::kUnknownName, 1, 2, "known: film"},
                     Bad{"[film.filter]\nname = \"box\"\n", ErrorCode::kUnknownName, 1, 7, "unknown table"},
-                    Bad{"[sampling]\nspp = \"many\"\n", ErrorCode::kBadInput, 2, 7, "expected a integer"},
+                    Bad{"[sampling]\nspp = \"many\"\n", ErrorCode::kBadInput, 2, 7, "expected an integer"},
                     Bad{"[sampling]\nspp = 0\n", ErrorCode::kOutOfRange, 2, 7, "between 1 and"},
                     Bad{"[sampling]\nspp = [1]\n", ErrorCode::kBadInput, 2, 7, "is an array"},
                     Bad{"[sampling]\nseed = 9999999999\n", ErrorCode::kOutOfRange, 2, 8, "32 bits"},

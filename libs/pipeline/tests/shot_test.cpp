@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tempera/pipeline/shot.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include "tempera/pipeline/materials.h"
@@ -150,6 +151,50 @@ TEST(Shot, CropAndScale) {
   EXPECT_EQ(shot.settings.y1(), 35);
 }
 
+TEST(Shot, ScaleCutsFractionsOffAsBlenderDoes) {
+  const auto size = [](int w, int h, const char* percent) {
+    const Shot s = settle(fmt::format("[film]\nresolution = [{}, {}]\nscale = {}\n", w, h, percent));
+    return std::pair(s.settings.width, s.settings.height);
+  };
+  EXPECT_EQ(size(1920, 1080, "33"), std::pair(633, 356));  // 633.6 x 356.4
+  EXPECT_EQ(size(1280, 720, "12.5"), std::pair(160, 90));
+  EXPECT_EQ(size(1000, 999, "33.3"), std::pair(333, 332));  // 332.667
+  for (int percent = 1; percent <= 200; ++percent) {
+    EXPECT_EQ(size(1921, 1079, std::to_string(percent).c_str()),
+              std::pair(std::max(1, 1921 * percent / 100), std::max(1, 1079 * percent / 100)));
+  }
+  EXPECT_EQ(size(3, 3, "1"), std::pair(1, 1));
+  // Windows that share an edge still do, and cover the whole picture.
+  const auto window = [](int x, int width) {
+    return settle(fmt::format("[film]\nresolution = [101, 9]\ncrop = [{}, 0, {}, 9]\nscale = 33\n", x, width)).settings;
+  };
+  for (int cut = 10; cut < 90; ++cut) {
+    EXPECT_EQ(window(0, cut).x1(), window(cut, 101 - cut).x0()) << cut;
+    EXPECT_EQ(window(cut, 101 - cut).x1(), 33) << cut;
+  }
+}
+
+TEST(Shot, SettingsThatAnIntegratorCannotDoWithAreNamed) {
+  const auto line = [](const std::string& toml) {
+    const Error e = error_of(toml);
+    EXPECT_NE(e.message(), "nothing was thrown") << toml;
+    return e.loc().line;
+  };
+  const std::string temporal = "[integrator]\nname = \"temporal_gradient_path\"\n[output]\nlayers = [\"albedo\"]\n";
+  EXPECT_EQ(line(temporal + "[sampling]\nspp = 1\n"), 7);
+  EXPECT_EQ(line(temporal + "[sampling]\nseed_per_frame = false\n"), 7);
+  EXPECT_EQ(line(temporal + "[shutter]\nrolling = 0.5\n"), 7);
+  EXPECT_EQ(line("[output]\nlayers = [\"grad.x\"]\n"), 3);
+  Scene s = scene();
+  s.defaults.spp = 1;  // the scene's own
+  try {
+    settle(temporal, s);
+    ADD_FAILURE() << "accepted";
+  } catch (const Error& e) {
+    EXPECT_EQ(e.loc().line, 3) << e.what();
+  }
+}
+
 TEST(Shot, CameraByNameOrIndex) {
   EXPECT_EQ(settle("camera = \"far\"\n").settings.camera, 1);
   EXPECT_EQ(settle("camera = \"1\"\n").settings.camera, 1);
@@ -196,6 +241,9 @@ INSTANTIATE_TEST_SUITE_P(
         Bad{"[environment]\nimage = \"none.hdr\"\n", ErrorCode::kMissingFile, 3, "none.hdr"},
         Bad{"[materials.Pait]\ntype = \"diffuse\"\n", ErrorCode::kUnknownName, 3, "it has: Paint"},
         Bad{"[materials.Paint]\nreflectance = 1\n", ErrorCode::kBadInput, 3, "needs a type"},
+        Bad{"[materials.Paint]\ntype = \"diffuse\"\nreflectance = -0.3\n", ErrorCode::kOutOfRange, 4, "below 0"},
+        Bad{"[materials.Paint]\nemission = [1, -1, 1]\n", ErrorCode::kOutOfRange, 3, "below 0"},
+        Bad{"solid_tint = \"never\"\n", ErrorCode::kUnknownName, 2, "twice"},
         Bad{"[materials.Paint]\ntype = \"difuse\"\n", ErrorCode::kUnknownName, 3, "diffuse"},
         Bad{"[materials.Paint]\ntype = \"diffuse\"\nior = 2\n", ErrorCode::kUnknownName, 4, "reflectance"},
         Bad{"[materials.Paint]\ntype = \"diffuse\"\nreflectance = \"red\"\n", ErrorCode::kBadInput, 4,
@@ -219,6 +267,61 @@ TEST(Shot, ReplacesEnvironmentAndMaterials) {
   Scene kept = scene();
   settle("[environment]\nradiance = 1\nkeep = true\n", kept);
   EXPECT_EQ(kept.environments.size(), 2u);
+}
+
+TEST(Shot, BendsNormalsAsTheSceneSaysUnlessTold) {
+  for (const bool format : {false, true}) {
+    Scene s = scene();
+    s.bend_normals = format;
+    const Shot plain = settle("", s);
+    EXPECT_EQ(s.bend_normals, format);
+    for (const bool told : {false, true}) {
+      const Shot shot = settle(told ? "bend_normals = true\n" : "bend_normals = false\n", s);
+      EXPECT_EQ(s.bend_normals, told);
+      EXPECT_NE(fingerprint(shot, s, 0), fingerprint(plain, s, 0));
+    }
+  }
+  EXPECT_NE(fingerprint(settle("solid_tint = \"once\"\n"), scene(), 0), fingerprint(settle(""), scene(), 0));
+}
+
+TEST(Shot, TwoSidedDecidesWhichSidesShine) {
+  const auto shines_both_ways = [](bool in_scene, const std::string& toml) {
+    Scene s = scene();
+    s.shapes[0].emission = AreaEmission{Slot(2.0f), in_scene};
+    settle("[materials.Paint]\n" + toml, s);
+    return s.shapes[0].emission->two_sided;
+  };
+  for (const char* type : {"", "type = \"diffuse\"\n", "type = \"metallic_roughness\"\n"})
+    for (const char* emission : {"", "emission = 3\n"})
+      for (const bool in_scene : {false, true}) {
+        const std::string toml = std::string(type) + emission;
+        if (!toml.empty()) {
+          EXPECT_EQ(shines_both_ways(in_scene, toml), in_scene) << toml;
+        }
+        EXPECT_FALSE(shines_both_ways(in_scene, toml + "two_sided = false\n")) << toml;
+        EXPECT_TRUE(shines_both_ways(in_scene, toml + "two_sided = true\n")) << toml;
+      }
+}
+
+TEST(Shot, TwoSidedDecidesWhatTheBackLooksLike) {
+  const auto black_from_behind = [](const std::string& toml) {
+    Scene s = scene();
+    settle("[materials.Paint]\n" + toml, s);
+    ShadingPoint p;
+    p.ng = {0, 0, 1};
+    p.wo = {0, 0, -1};
+    Bsdf bsdf;
+    s.shapes[0].material->add_lobes(p, 1, bsdf);
+    return bsdf.empty();
+  };
+  EXPECT_TRUE(black_from_behind("two_sided = false\n")) << "the scene's own diffuse is";
+  EXPECT_FALSE(black_from_behind("two_sided = true\n"));
+  EXPECT_TRUE(black_from_behind("type = \"diffuse\"\n"));
+  EXPECT_FALSE(black_from_behind("type = \"diffuse\"\ntwo_sided = true\n"));
+  EXPECT_FALSE(black_from_behind("type = \"metallic_roughness\"\n"));
+  EXPECT_FALSE(black_from_behind("type = \"metallic_roughness\"\ntwo_sided = true\n"));
+  EXPECT_TRUE(black_from_behind("type = \"metallic_roughness\"\ntwo_sided = false\n"));
+  EXPECT_FALSE(black_from_behind("type = \"metallic_roughness\"\ntwo_sided = false\ntransmission = 1\n"));
 }
 
 TEST(Shot, FingerprintChangesWithWhatChangesPixelsOnly) {

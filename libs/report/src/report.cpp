@@ -386,7 +386,9 @@ struct ReportWriter::Impl {
     Json reference_index = nullptr;
     if (!reference_side.frames.empty()) {
       reference_index = sides.size();
-      sides.push_back(side_json(reference_side, "reference", result.reference, {result.reference}));
+      std::vector<std::string> files{result.reference};
+      if (!result.options.reference2.empty()) files.push_back(result.options.reference2);
+      sides.push_back(side_json(reference_side, "reference", fmt::format("{}", fmt::join(files, ", ")), files));
     }
     for (const MetricInfo* m : result.metrics) {
       metrics.push_back({{"id", m->id},

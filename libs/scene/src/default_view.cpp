@@ -16,11 +16,10 @@ Bounds3f world_bounds(const Scene& scene, double t) {
     for (const int shape : scene.groups[std::size_t(instance.group)]) {
       const Geometry& geometry = scene.shapes[std::size_t(shape)].geometry;
       if (const auto* mesh = std::get_if<Mesh>(&geometry)) {
-        const MeshPose pose = mesh->deforms() ? mesh_pose(scene, *mesh, instance.node, t) : MeshPose{};
+        const MeshPose pose = mesh_pose(scene, *mesh, instance.node, t);
         const std::size_t stride = std::max<std::size_t>(1, mesh->positions.size() / kVerticesPerMesh);
         for (std::size_t v = 0; v < mesh->positions.size(); v += stride) {
-          bounds.extend(
-              world.point(mesh->deforms() ? posed_position(*mesh, pose, std::uint32_t(v)) : mesh->positions[v]));
+          bounds.extend(posed_position(*mesh, pose, std::uint32_t(v)));
         }
       } else {
         const Affine3f m = std::visit(

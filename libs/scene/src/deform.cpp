@@ -2,26 +2,25 @@
 #include "tempera/scene/deform.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace tempera {
 
-MeshPose mesh_pose(const Scene& scene, const Mesh& mesh, int node, double t) {
+MeshPose mesh_pose(const Scene& scene, const Mesh& mesh, int node, double t, double piece) {
   MeshPose pose;
-  if (!mesh.skin.joints.empty()) {
-    const Affine3d instance_from_world = inverse(scene.world(node, t));
-    pose.joints.reserve(mesh.skin.joints.size());
-    for (const Skin::Joint& joint : mesh.skin.joints) {
-      pose.joints.emplace_back(instance_from_world * scene.world(joint.node, t) * joint.inverse_bind);
-    }
+  if (mesh.skin.joints.empty()) pose.world = Affine3f(scene.world(node, t, piece));
+  pose.joints.reserve(mesh.skin.joints.size());
+  for (const Skin::Joint& joint : mesh.skin.joints) {
+    pose.joints.emplace_back(scene.world(joint.node, t, piece) * joint.inverse_bind);
   }
-  if (!mesh.morph_targets.empty()) pose.morph_weights = mesh.morph_weights.at(t);
-  if (mesh.cache.size() > 1) {
-    const auto after = std::upper_bound(mesh.cache.begin(), mesh.cache.end(), t,
-                                        [](double time, const VertexCacheSample& s) { return time < s.time; });
-    const auto last = mesh.cache.size() - 2;
-    pose.cache_index = after == mesh.cache.begin() ? 0 : std::min(last, std::size_t(after - mesh.cache.begin()) - 1);
-    const double t0 = mesh.cache[pose.cache_index].time, t1 = mesh.cache[pose.cache_index + 1].time;
-    pose.cache_blend = float(std::clamp((t - t0) / (t1 - t0), 0.0, 1.0));
+  if (!mesh.morph_targets.empty()) pose.morph_weights = mesh.morph_weights.at(t, piece);
+  if (mesh.cache.samples) {
+    const std::vector<double>& times = mesh.cache.samples->times();
+    const auto after = std::size_t(std::upper_bound(times.begin(), times.end(), t) - times.begin());
+    pose.cache_index = after == 0 ? 0 : after - 1;
+    if (after > 0 && after < times.size()) {
+      pose.cache_blend = float((t - times[after - 1]) / (times[after] - times[after - 1]));
+    }
   }
   return pose;
 }
@@ -39,34 +38,59 @@ static Affine3f skin_matrix(const Mesh& mesh, const MeshPose& pose, std::uint32_
   return m;
 }
 
-Vec3f posed_position(const Mesh& mesh, const MeshPose& pose, std::uint32_t vertex) {
-  Vec3f p = mesh.positions[vertex];
-  if (mesh.cache.size() > 1) {
-    p = lerp(mesh.cache[pose.cache_index].positions[vertex], mesh.cache[pose.cache_index + 1].positions[vertex],
-             pose.cache_blend);
+/// Before morph targets and skin.
+static Vec3f base_position(const Mesh& mesh, const MeshPose& pose, std::uint32_t vertex) {
+  const CachedPositions& c = mesh.cache;
+  if (!c.samples) return mesh.positions[vertex];
+  const std::size_t v = c.vertices.empty() ? std::size_t(c.first_vertex) + vertex : c.vertices[vertex];
+  Vec3f p = c.samples->position(pose.cache_index, v);
+  if (pose.cache_blend != 0) p = lerp(p, c.samples->position(pose.cache_index + 1, v), pose.cache_blend);
+  return c.mesh_from_cache.point(p);
+}
+
+/// Mean of the normals of the triangles around by their angles there; the mesh's own where all of them degenerate.
+static Vec3f cached_normal(const Mesh& mesh, const MeshPose& pose, std::uint32_t vertex) {
+  // Vertices of a closed fan are few; the bound keeps a fan of a million triangles from taking forever.
+  constexpr std::uint32_t kMaxCorners = 4096;
+  const CachedPositions& c = mesh.cache;
+  const std::uint32_t fan = c.fan_of[vertex], begin = c.fan_begin[fan];
+  const std::uint32_t end = std::min(c.fan_begin[fan + 1], begin + kMaxCorners);
+  Vec3f sum;
+  for (std::uint32_t i = begin; i < end; ++i) {
+    const std::uint32_t corner = c.fans[i], first = corner - corner % 3;
+    const auto at = [&](std::uint32_t k) { return base_position(mesh, pose, mesh.indices[first + (corner + k) % 3]); };
+    const Vec3f p = at(0), e1 = at(1) - p, e2 = at(2) - p, n = cross(e1, e2);
+    const float l = length(n);
+    if (l > 0) sum += n * (std::atan2(l, dot(e1, e2)) / l);
   }
+  const float l = length(sum);
+  return l > 0 && std::isfinite(l) ? sum * (1 / l) : mesh.normals[vertex];
+}
+
+Vec3f posed_position(const Mesh& mesh, const MeshPose& pose, std::uint32_t vertex) {
+  Vec3f p = base_position(mesh, pose, vertex);
   for (std::size_t i = 0; i < pose.morph_weights.size(); ++i) {
     const auto& d = mesh.morph_targets[i].positions;
     if (pose.morph_weights[i] != 0 && !d.empty()) p += d[vertex] * pose.morph_weights[i];
   }
-  return pose.joints.empty() ? p : skin_matrix(mesh, pose, vertex).point(p);
+  return pose.joints.empty() ? pose.world.point(p) : skin_matrix(mesh, pose, vertex).point(p);
 }
 
 Vec3f posed_normal(const Mesh& mesh, const MeshPose& pose, std::uint32_t vertex) {
-  Vec3f n = mesh.normals[vertex];
-  if (mesh.cache.size() > 1 && !mesh.cache[pose.cache_index].normals.empty()) {
-    n = lerp(mesh.cache[pose.cache_index].normals[vertex], mesh.cache[pose.cache_index + 1].normals[vertex],
-             pose.cache_blend);
-  }
+  Vec3f n = mesh.cache.samples ? cached_normal(mesh, pose, vertex) : mesh.normals[vertex];
   for (std::size_t i = 0; i < pose.morph_weights.size(); ++i) {
     const auto& d = mesh.morph_targets[i].normals;
     if (pose.morph_weights[i] != 0 && !d.empty()) n += d[vertex] * pose.morph_weights[i];
   }
-  if (!pose.joints.empty()) {  // normals follow the cofactor matrix, which is right for any scale
-    const Affine3f m = skin_matrix(mesh, pose, vertex);
-    n = cross(m.y, m.z) * n.x + cross(m.z, m.x) * n.y + cross(m.x, m.y) * n.z;
-  }
-  return normalize(n);
+  if (pose.joints.empty()) return transform_normal(pose.world, n);
+  const Affine3f m = skin_matrix(mesh, pose, vertex);
+  return normalize(cofactor_vector(m, n));
+}
+
+void mesh_jumps(const Scene& scene, const Mesh& mesh, int node, TimeSpan span, std::vector<double>& out) {
+  scene.jumps(node, span, out);
+  for (const Skin::Joint& joint : mesh.skin.joints) scene.jumps(joint.node, span, out);
+  mesh.morph_weights.jumps(span, out);
 }
 
 }  // namespace tempera

@@ -1,6 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tempera/scene/geometry.h"
 
+#include <algorithm>
+#include <numeric>
+#include <tuple>
+
+#include "tempera/core/error.h"
+
 namespace tempera {
 
 Mesh make_rectangle() {
@@ -32,6 +38,7 @@ Mesh make_cube() {
 }
 
 void transform(Mesh& mesh, const Affine3d& map) {
+  TEMPERA_ASSERT(!mesh.cache.samples);
   const auto inv = inverse(map);
   const bool mirrored = map.determinant() < 0;
   const auto points = [&](std::vector<Vec3f>& v) {
@@ -54,13 +61,41 @@ void transform(Mesh& mesh, const Affine3d& map) {
     normals(target.normals, false);
     vectors(target.tangents);
   }
-  for (VertexCacheSample& sample : mesh.cache) {
-    points(sample.positions);
-    normals(sample.normals, true);
-  }
   if (mirrored) {
     for (std::size_t i = 0; i + 2 < mesh.indices.size(); i += 3) std::swap(mesh.indices[i + 1], mesh.indices[i + 2]);
     for (float& s : mesh.tangent_signs) s = -s;
+  }
+}
+
+void bind_cache(Mesh& mesh, CachedPositions cache) {
+  const std::size_t n = mesh.positions.size();
+  TEMPERA_ASSERT(cache.samples && (cache.vertices.empty() || cache.vertices.size() == n));
+  TEMPERA_ASSERT(!cache.vertices.empty() || cache.first_vertex + n <= cache.samples->vertices());
+  mesh.cache = std::move(cache);
+  if (mesh.normals.empty()) return;
+
+  // Vertices in an order in which those at one place with one normal stand together.
+  std::vector<std::uint32_t> order(n);
+  std::iota(order.begin(), order.end(), 0u);
+  const auto key = [&](std::uint32_t v) {
+    const Vec3f &p = mesh.positions[v], &m = mesh.normals[v];
+    return std::tie(p.x, p.y, p.z, m.x, m.y, m.z);
+  };
+  std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return key(a) < key(b); });
+  CachedPositions& c = mesh.cache;
+  c.fan_of.resize(n);
+  std::uint32_t fans = 0;
+  for (std::size_t i = 0; i < n; ++i) {
+    if (i > 0 && key(order[i]) != key(order[i - 1])) ++fans;
+    c.fan_of[order[i]] = fans;
+  }
+  c.fan_begin.assign(std::size_t(fans) + 2, 0);
+  for (const std::uint32_t v : mesh.indices) ++c.fan_begin[std::size_t(c.fan_of[v]) + 1];
+  std::partial_sum(c.fan_begin.begin(), c.fan_begin.end(), c.fan_begin.begin());
+  c.fans.resize(mesh.indices.size());
+  std::vector<std::uint32_t> next(c.fan_begin.begin(), c.fan_begin.end() - 1);
+  for (std::size_t corner = 0; corner < mesh.indices.size(); ++corner) {
+    c.fans[next[c.fan_of[mesh.indices[corner]]]++] = std::uint32_t(corner);
   }
 }
 

@@ -9,10 +9,17 @@
 
 namespace tempera {
 
-Affine3d Scene::world(int node, double t) const {
+Affine3d Scene::world(int node, double t, double piece) const {
   Affine3d m;
-  for (; node >= 0; node = nodes[std::size_t(node)].parent) m = nodes[std::size_t(node)].local.at(t) * m;
+  for (; node >= 0; node = nodes[std::size_t(node)].parent) m = nodes[std::size_t(node)].local.at(t, piece) * m;
   return m;
+}
+
+void Scene::jumps(int node, TimeSpan span, std::vector<double>& out) const {
+  for (; node >= 0; node = nodes[std::size_t(node)].parent) {
+    nodes[std::size_t(node)].local.jumps(span, out);
+    nodes[std::size_t(node)].visibility.jumps(span, out);
+  }
 }
 
 bool Scene::moves(int node, TimeSpan span) const {
@@ -58,7 +65,11 @@ class Validator {
       require(std::all_of(e.image.begin(), e.image.end(), [](const Rgb& c) { return is_finite(c); }), "environment",
               e.name, "has pixels that are not finite");
     }
-    for (const Camera& c : scene_.cameras) check_node(c.node, "camera", c.name);
+    for (const Camera& c : scene_.cameras) {
+      check_node(c.node, "camera", c.name);
+      check_node(c.focus_node, "camera", c.name);
+      require(c.pixel_aspect > 0 && std::isfinite(c.pixel_aspect), "camera", c.name, "has pixels of no width");
+    }
   }
 
  private:
@@ -107,11 +118,20 @@ class Validator {
               "mesh", s.name, "has a joint index out of range");
       for (const auto& j : skin.joints) check_node(j.node, "mesh", s.name);
     }
-    for (std::size_t i = 0; i < m->cache.size(); ++i) {
-      require(m->cache[i].positions.size() == n && fits(m->cache[i].normals.size()), "mesh", s.name,
-              "has a vertex cache whose topology changes");
-      require(i == 0 || m->cache[i].time > m->cache[i - 1].time, "mesh", s.name, "has vertex cache times out of order");
+    if (const VertexCache* cache = m->cache.samples.get()) {
+      const std::vector<double>& times = cache->times();
+      require(
+          m->cache.vertices.empty() ? m->cache.first_vertex + n <= cache->vertices() : m->cache.vertices.size() == n,
+          "mesh", s.name, "has a vertex cache of another number of vertices");
+      require(std::all_of(m->cache.vertices.begin(), m->cache.vertices.end(),
+                          [&](std::uint32_t v) { return v < cache->vertices(); }),
+              "mesh", s.name, "has a vertex that is none of its vertex cache's");
+      require(times.size() == cache->samples() && !times.empty() &&
+                  std::adjacent_find(times.begin(), times.end(), [](double a, double b) { return !(a < b); }) ==
+                      times.end(),
+              "mesh", s.name, "has vertex cache times out of order");
     }
+    require(fits(m->source_vertices.size()), "mesh", s.name, "has source vertices that do not fit its vertices");
   }
 
   const Scene& scene_;

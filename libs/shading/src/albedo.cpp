@@ -2,12 +2,13 @@
 #include "albedo.h"
 
 #include <algorithm>
-#include <array>
+#include <atomic>
 #include <cmath>
 #include <memory>
+#include <mutex>
 
+#include "tempera/shading/lobe_principled.h"
 #include "tempera/shading/lobe_sheen.h"
-#include "tempera/shading/microfacet.h"
 
 namespace tempera {
 namespace {
@@ -72,6 +73,103 @@ float sheen_albedo(float cosine, float alpha) {
   const AlbedoPlace at(cosine, alpha);
   const auto row = [&](std::size_t j) { return lerp((*table)[j][at.i], (*table)[j][at.i + 1], at.x); };
   return lerp(row(at.j), row(at.j + 1), at.y);
+}
+
+namespace {
+
+/// Adds the four functions of kFresnel, kSchlick or kFacets at the facet m.
+void add_facet(const AlbedoKey& key, const Microfacet& facets, const Vec3f& wo, const Vec3f& m, double (&sum)[4]) {
+  const float om = dot(wo, m);
+  const Vec3f reflected = mirror(wo, m);
+  const float back = reflected.z > 0 ? facets.g1(reflected, m) : 0;
+  if (key.of == AlbedoOf::kFacets) {
+    sum[0] += double(back);
+    sum[1] += double(back * om);
+    return;
+  }
+  const DielectricInterface face = dielectric_interface(om, key.eta);
+  const float f = key.of == AlbedoOf::kFresnel ? face.reflectance : schlick_weight_interface(om, key.eta);
+  sum[0] += double(back * (1 - f));
+  sum[1] += double(back * f);
+  if (face.cos_t == 0) return;  // total reflection
+  const Vec3f refracted = m * (om / face.eta + face.cos_t) - wo * (1 / face.eta);
+  const float through = refracted.z < 0 ? facets.g1(refracted, m) : 0;
+  sum[2] += double(through * (1 - f));
+  sum[3] += double(through * f);
+}
+
+AlbedoTable<AlbedoEntry> make_table(const AlbedoKey& key) {
+  constexpr int kSamples = 256;
+  AlbedoTable<AlbedoEntry> table;
+  for (int j = 0; j < kAlbedoSize; ++j)
+    for (int i = 0; i < kAlbedoSize; ++i) {
+      const Vec3f wo = direction(cosine_at(i));
+      const float alpha = alpha_at(j);
+      const Microfacet facets(key.facets, alpha, alpha);
+      const ClearcoatLobe coat{1, alpha, key.eta};
+      PrincipledDiffuseLobe plain, flat, sheen;
+      plain.base_color = flat.base_color = sheen.sheen = Rgb(1.0f);
+      plain.surface_roughness = flat.surface_roughness = alpha;
+      flat.flatness = 1;
+      double sum[4] = {};
+      for (int s = 0; s < kSamples; ++s) {
+        const Vec2f u = recurrence_point(s);
+        Vec3f wi;
+        if (key.of == AlbedoOf::kBurley) {
+          plain.sample(wo, 0, u, wi);
+          const PrincipledDiffuseLobe* lobes[] = {&plain, &flat, &sheen};
+          for (int k = 0; k < 3; ++k) {
+            const LobeEval e = lobes[k]->eval(wo, wi);
+            if (e.pdf > 0) sum[k] += double(e.f_cos.g / e.pdf);
+          }
+        } else if (key.of == AlbedoOf::kClearcoat) {
+          if (!coat.sample(wo, 0, u, wi)) continue;
+          const LobeEval e = coat.eval(wo, wi);
+          if (e.pdf > 0) sum[0] += double(e.f_cos.g / e.pdf);
+        } else {
+          add_facet(key, facets, wo, facets.sample(wo, u), sum);
+        }
+      }
+      for (std::size_t k = 0; k < 4; ++k) table[std::size_t(j)][std::size_t(i)][k] = float(sum[k] / kSamples);
+    }
+  return table;
+}
+
+/// The tables that have been asked for: pure functions of their keys, and few, as there is one for each index of
+/// refraction in a scene. Read without a lock.
+struct KnownTable {
+  AlbedoKey key;
+  AlbedoTable<AlbedoEntry> table;
+  std::unique_ptr<const KnownTable> next;
+};
+
+const AlbedoTable<AlbedoEntry>& table_of(const AlbedoKey& key) {
+  static std::mutex mutex;
+  static std::unique_ptr<const KnownTable> all;
+  static std::atomic<const KnownTable*> newest{nullptr};
+  const auto find = [&]() -> const KnownTable* {
+    const KnownTable* t = newest.load(std::memory_order_acquire);
+    while (t && !(t->key == key)) t = t->next.get();
+    return t;
+  };
+  if (const KnownTable* t = find()) return t->table;
+  const std::lock_guard lock(mutex);
+  if (const KnownTable* t = find()) return t->table;
+  all = std::make_unique<const KnownTable>(KnownTable{key, make_table(key), std::move(all)});
+  newest.store(all.get(), std::memory_order_release);
+  return all->table;
+}
+
+}  // namespace
+
+AlbedoEntry albedo_of(const AlbedoKey& key, float cosine, float alpha) {
+  const AlbedoTable<AlbedoEntry>& table = table_of(key);
+  const AlbedoPlace at(cosine, alpha);
+  const auto &a = table[at.j][at.i], &b = table[at.j][at.i + 1], &c = table[at.j + 1][at.i],
+             &d = table[at.j + 1][at.i + 1];
+  AlbedoEntry result;
+  for (std::size_t k = 0; k < 4; ++k) result[k] = lerp(lerp(a[k], b[k], at.x), lerp(c[k], d[k], at.x), at.y);
+  return result;
 }
 
 }  // namespace tempera

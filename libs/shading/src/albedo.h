@@ -7,6 +7,7 @@
 #include <cstring>
 
 #include "tempera/core/vec.h"
+#include "tempera/shading/microfacet.h"
 
 namespace tempera {
 
@@ -55,5 +56,25 @@ inline GgxAlbedo ggx_albedo(float cosine, float alpha) {
   a += (b - a) * at.y;
   return {a[0] + at.x * (a[2] - a[0]), a[1] + at.x * (a[3] - a[1])};
 }
+
+/// What a table of directional albedos is about. Entries are means of four functions over the normals that are visible
+/// from `wo`, with the masking of the scattered direction; F is a Fresnel term of the relative index, c the cosine at
+/// the facet.
+enum class AlbedoOf : std::uint8_t {
+  kFresnel,    ///< reflected 1 - F, F; transmitted 1 - F, F of a dielectric
+  kSchlick,    ///< the same with Schlick's weight (schlick_weight_interface)
+  kFacets,     ///< reflected 1, c
+  kBurley,     ///< PrincipledDiffuseLobe: white base without and with flatness, white sheen. alpha is the roughness
+  kClearcoat,  ///< ClearcoatLobe of weight 1
+};
+struct AlbedoKey {
+  AlbedoOf of;
+  Microfacets facets = Microfacets::kGgx;
+  float eta = 1;  ///< far side over the side of wo
+  bool operator==(const AlbedoKey&) const = default;
+};
+using AlbedoEntry = std::array<float, 4>;
+/// Bilinear in a table that is made on first use. Error below 0.02. Threads: safe.
+AlbedoEntry albedo_of(const AlbedoKey& key, float cosine, float alpha);
 
 }  // namespace tempera

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "albedo.h"
+#include "tempera/shading/shading_normal.h"
 
 namespace tempera {
 namespace {
@@ -19,113 +20,135 @@ float tan2(float cosine) {
   return std::max(1 - c2, 0.0f) / c2;
 }
 
-// Albedos of lobes by kind. `transmitted` selects the half of the sphere opposite wo.
-Rgb lobe_albedo(const DiffuseLobe& l, const Vec3f& wo, bool transmitted) {
-  return wo.z > 0 && !transmitted ? l.reflectance : Rgb(0.0f);
+// Directional albedos of lobes, in terms of power.
+float mean_alpha(const Microfacet& m) { return std::sqrt(m.alpha_u * m.alpha_v); }
+AlbedoEntry interface_albedo(AlbedoOf of, const Microfacet& facets, float eta, const Vec3f& wo) {
+  return albedo_of({of, facets.type, wo.z > 0 ? eta : 1 / eta}, wo.z, mean_alpha(facets));
 }
-Rgb lobe_albedo(const SmoothPlasticLobe& l, const Vec3f& wo, bool transmitted) {
-  if (wo.z <= 0 || transmitted) return Rgb(0.0f);
+
+Rgb lobe_albedo(const DiffuseLobe& l, const Vec3f& wo) { return wo.z > 0 ? l.reflectance : Rgb(0.0f); }
+Rgb lobe_albedo(const SmoothPlasticLobe& l, const Vec3f& wo) {
+  if (wo.z <= 0) return Rgb(0.0f);
   return l.reflectance *
          ((1 - dielectric_interface(wo.z, l.eta).reflectance) * (1 - diffuse_fresnel_reflectance(l.eta)));
 }
-Rgb lobe_albedo(const RoughPlasticLobe& l, const Vec3f& wo, bool transmitted) {
-  if (wo.z <= 0 || transmitted) return Rgb(0.0f);
-  float exit = 0;  // cosine-weighted mean of the transmittance
-  constexpr int kSteps = 16;
-  for (int i = 0; i < kSteps; ++i) {
-    const float c = (float(i) + 0.5f) / kSteps;
-    exit += l.table->at(c) * 2 * c / kSteps;
-  }
-  return l.reflectance * (l.table->at(wo.z) * exit);
+Rgb lobe_albedo(const RoughPlasticLobe& l, const Vec3f& wo) {
+  return wo.z > 0 ? l.reflectance * (l.table->at(wo.z) * l.table->mean) : Rgb(0.0f);
 }
 template <class F>
-Rgb lobe_albedo(const MirrorLobe<F>& l, const Vec3f& wo, bool transmitted) {
-  return transmitted ? Rgb(0.0f) : l.sample(wo).f;
+Rgb lobe_albedo(const MirrorLobe<F>& l, const Vec3f& wo) {
+  return l.sample(wo).f;
 }
 template <class F>
-Rgb lobe_albedo(const RefractionLobe<F>& l, const Vec3f& wo, bool transmitted) {
-  return transmitted ? l.sample(wo).f : Rgb(0.0f);
+Rgb lobe_albedo(const RefractionLobe<F>& l, const Vec3f& wo) {
+  const DeltaSample s = l.sample(wo);
+  return s.f * (s.eta * s.eta);
 }
 template <class F>
-Rgb lobe_albedo(const PassageLobe<F>& l, const Vec3f& wo, bool transmitted) {
-  return transmitted ? l.sample(wo).f : Rgb(0.0f);
+Rgb lobe_albedo(const PassageLobe<F>& l, const Vec3f& wo) {
+  return l.sample(wo).f;
 }
-/// Rough lobes: mean over some visible normals m of `weight(m)`.
-template <class F>
-Rgb facet_mean(Microfacet facets, const Vec3f& wo, F&& weight) {
-  constexpr int kNormals = 24;
-  facets.sample_visible = true;
-  Rgb sum;
-  for (int i = 0; i < kNormals; ++i) sum += weight(facets.sample(wo, recurrence_point(i)));
-  return sum / float(kNormals);
+Rgb lobe_albedo(const MicrofacetReflectionLobe<ConductorFresnel>& l, const Vec3f& wo) {
+  if (wo.z <= 0) return Rgb(0.0f);
+  const AlbedoEntry e = interface_albedo(AlbedoOf::kFacets, l.microfacet, 1, wo);
+  return l.fresnel.reflect(std::min(e[1] / e[0], 1.0f)) * e[0];  // at the facets' mean cosine
 }
-template <class L>
-Rgb reflected_mean(const L& l, const Vec3f& up, float side) {
-  return facet_mean(l.microfacet, up, [&](const Vec3f& m) {
-    const Vec3f wi = mirror(up, m);
-    return wi.z > 0 ? l.fresnel.reflect(side * dot(up, m)) * l.microfacet.g1(wi, m) : Rgb(0.0f);
-  });
+Rgb lobe_albedo(const MicrofacetReflectionLobe<DielectricFresnel>& l, const Vec3f& wo) {
+  if (wo.z <= 0) return Rgb(0.0f);
+  return l.fresnel.reflectance * interface_albedo(AlbedoOf::kFresnel, l.microfacet, l.fresnel.eta, wo)[1];
 }
-template <class F>
-Rgb lobe_albedo(const MicrofacetReflectionLobe<F>& l, const Vec3f& wo, bool transmitted) {
-  return wo.z > 0 && !transmitted ? reflected_mean(l, wo, 1) : Rgb(0.0f);
-}
-Rgb lobe_albedo(const MicrofacetReflectionLobe<SchlickFresnel>& l, const Vec3f& wo, bool transmitted) {
-  if (wo.z <= 0 || transmitted) return Rgb(0.0f);
-  const GgxAlbedo a = ggx_albedo(wo.z, std::sqrt(l.microfacet.alpha_u * l.microfacet.alpha_v));
+Rgb lobe_albedo(const MicrofacetReflectionLobe<SchlickFresnel>& l, const Vec3f& wo) {
+  if (wo.z <= 0) return Rgb(0.0f);
+  const GgxAlbedo a = ggx_albedo(wo.z, mean_alpha(l.microfacet));
   return l.fresnel.f0 * a.scale + Rgb(l.fresnel.f90 * a.bias);
 }
-template <class F>
-Rgb lobe_albedo(const RoughInterfaceLobe<F>& l, const Vec3f& wo, bool transmitted) {
-  if (wo.z == 0) return Rgb(0.0f);
-  const float side = wo.z > 0 ? 1.0f : -1.0f;
-  const Vec3f up = wo * side;
-  if (!transmitted) return reflected_mean(l, up, side);
-  return facet_mean(l.microfacet, up, [&](const Vec3f& m) {
-    const float om = side * dot(up, m);
-    const DielectricInterface face = dielectric_interface(om, l.fresnel.eta);
-    const Vec3f wi = m * (side * om / face.eta + side * face.cos_t) - up * (1 / face.eta);
-    return wi.z < 0 ? l.fresnel.transmit(om) * (l.microfacet.g1(wi, m) / (face.eta * face.eta)) : Rgb(0.0f);
-  });
+Rgb lobe_albedo(const RoughInterfaceLobe<DielectricFresnel>& l, const Vec3f& wo) {
+  const AlbedoEntry e = interface_albedo(AlbedoOf::kFresnel, l.microfacet, l.fresnel.eta, wo);
+  return l.fresnel.reflectance * e[1] + l.fresnel.transmittance * e[2];
 }
-template <class F>
-Rgb lobe_albedo(const RoughPassageLobe<F>& l, const Vec3f& wo, bool transmitted) {
-  if (wo.z == 0 || !transmitted) return Rgb(0.0f);
-  const Vec3f up{wo.x, wo.y, std::abs(wo.z)};
-  return facet_mean(l.microfacet, up, [&](const Vec3f& m) {
-    const Vec3f wi = mirror(up, m);
-    return wi.z > 0 ? l.fresnel.transmit(dot(up, m)) * l.microfacet.g1(wi, m) : Rgb(0.0f);
-  });
+Rgb lobe_albedo(const RoughInterfaceLobe<SchlickFresnel>& l, const Vec3f& wo) {
+  const SchlickFresnel& f = l.fresnel;
+  const AlbedoEntry e = interface_albedo(AlbedoOf::kSchlick, l.microfacet, f.eta, wo);
+  return f.f0 * e[0] + Rgb(f.f90 * e[1]) + f.transmittance * ((1 - f.loss0) * e[2] + (1 - f.loss90) * e[3]);
 }
-Rgb lobe_albedo(const PrincipledDiffuseLobe& l, const Vec3f& wo, bool transmitted) {
-  return wo.z > 0 && !transmitted ? l.base_color : Rgb(0.0f);
+Rgb lobe_albedo(const RoughInterfaceLobe<PrincipledFresnel>& l, const Vec3f& wo) {
+  const PrincipledFresnel& f = l.fresnel;
+  const AlbedoEntry e = interface_albedo(AlbedoOf::kFresnel, l.microfacet, f.eta, wo);
+  const Rgb transmitted = sqrt(f.base_color) * (f.transmission * e[2]);
+  if (wo.z < 0) return transmitted + Rgb(f.transmission * e[1]);
+  Rgb sum = transmitted + Rgb((1 - f.metallic) * (1 - f.spec_tint) * e[1]);
+  if (f.metallic > 0 || f.spec_tint > 0) {
+    const GgxAlbedo a = ggx_albedo(wo.z, mean_alpha(l.microfacet));
+    sum += f.metallic * (f.base_color * a.scale + Rgb(a.bias)) +
+           (1 - f.metallic) * f.spec_tint * (f.tinted_f0() * a.scale + Rgb(a.bias));
+  }
+  return sum;
 }
-Rgb lobe_albedo(const ClearcoatLobe& l, const Vec3f& wo, bool transmitted) {
-  return wo.z > 0 && !transmitted ? Rgb(l.weight * (0.04f + 0.96f * schlick_weight(wo.z))) : Rgb(0.0f);
+Rgb lobe_albedo(const RoughPassageLobe<SchlickFresnel>& l, const Vec3f& wo) {
+  const GgxAlbedo a = ggx_albedo(wo.z, mean_alpha(l.microfacet));
+  return l.fresnel.transmittance * ((1 - l.fresnel.loss0) * a.scale + (1 - l.fresnel.loss90) * a.bias);
 }
-Rgb lobe_albedo(const SheenLobe& l, const Vec3f& wo, bool transmitted) {
-  return wo.z > 0 && !transmitted ? l.color * sheen_albedo(wo.z, l.alpha) : Rgb(0.0f);
+Rgb lobe_albedo(const PrincipledDiffuseLobe& l, const Vec3f& wo) {
+  if (wo.z <= 0) return Rgb(0.0f);
+  const AlbedoEntry e = albedo_of({AlbedoOf::kBurley}, wo.z, l.surface_roughness);
+  return l.base_color * lerp(e[0], e[1], l.flatness) + l.sheen * e[2];
+}
+Rgb lobe_albedo(const ClearcoatLobe& l, const Vec3f& wo) {
+  if (wo.z <= 0) return Rgb(0.0f);
+  return Rgb(l.weight * albedo_of({AlbedoOf::kClearcoat, Microfacets::kGgx, l.eta}, wo.z, l.alpha)[0]);
+}
+Rgb lobe_albedo(const SheenLobe& l, const Vec3f& wo) {
+  return wo.z > 0 ? l.color * sheen_albedo(wo.z, l.alpha) : Rgb(0.0f);
 }
 
 }  // namespace
 
-int Bsdf::add_frame(const Basis& frame) {
-  for (int i = 0; i < frames_.size(); ++i) {
-    const Frame& f = frames_[i];
-    if (f.parent < 0 && f.basis.n == frame.n && f.basis.s == frame.s) return i;
+Bsdf::Frame Bsdf::made_frame(const Basis& basis, const Vec3f& unbent) const {
+  Frame f{basis, unbent, 0, 0, 1, -1, false};
+  if (has_horizon_) {
+    const float c = std::abs(dot(basis.n, horizon_));
+    if (c < 1 - 1e-6f) f.n_ng = std::max(c, 1e-6f), f.attenuates = true;
   }
-  return frames_.push_made([&] { return Frame{frame, 0, 1, -1}; });
+  return f;
 }
 
-int Bsdf::add_perturbed_frame(const Basis& frame, int parent) {
-  return frames_.push(
-      {frame, std::min(0.125f * tan2(dot(frame.n, frames_[parent].basis.n)), 1.0f), 1, std::int8_t(parent)});
+int Bsdf::add_frame(const Basis& frame, const Vec3f& unbent) {
+  const Frame made = made_frame(frame, unbent);
+  for (int i = 0; i < frames_.size(); ++i) {
+    const Frame& f = frames_[i];
+    if (f.parent < 0 && f.basis.n == frame.n && f.basis.s == frame.s && f.n_ng == made.n_ng) return i;
+  }
+  return frames_.push(made);
+}
+
+int Bsdf::add_perturbed_frame(const Basis& frame, int parent, const Vec3f& unbent) {
+  Frame f = made_frame(frame, unbent);
+  f.shadow_alpha2 = std::min(0.125f * tan2(dot(unbent, frames_[parent].unbent)), 1.0f);
+  f.parent = std::int8_t(parent);
+  f.attenuates = true;
+  return frames_.push(f);
+}
+
+/// Frame `index` as it was before its normal was bent, and without the horizon.
+int Bsdf::unbent_frame(int index) {
+  Frame f = frames_[index];
+  if (f.n_ng == 0 && f.basis.n == f.unbent) return index;
+  f.basis = with_normal(f.basis, f.unbent);
+  f.n_ng = 0;
+  f.attenuates = f.parent >= 0;
+  for (int i = 0; i < frames_.size(); ++i) {
+    const Frame& known = frames_[i];
+    if (known.n_ng == 0 && known.parent == f.parent && known.basis.n == f.basis.n && known.basis.s == f.basis.s)
+      return i;
+  }
+  return frames_.push(f);
 }
 
 int Bsdf::add_flipped_frame(int index) {
   Frame f = frames_[index];
   f.basis.n = -f.basis.n;
-  if (f.parent < 0) return add_frame(f.basis);
+  f.unbent = -f.unbent;
+  if (f.parent < 0) return add_frame(f.basis, f.unbent);
   f.orientation = -f.orientation;
   return frames_.push(f);
 }
@@ -135,13 +158,15 @@ int Bsdf::add_rotated_frame(int index, const Vec2f& direction) {
   const Basis b = f.basis;
   f.basis.s = b.s * direction.x + b.t * direction.y;
   f.basis.t = b.t * direction.x - b.s * direction.y;
-  return f.parent < 0 ? add_frame(f.basis) : frames_.push(f);
+  return f.parent < 0 ? add_frame(f.basis, f.unbent) : frames_.push(f);
 }
 
 int Bsdf::add_layer(const BsdfLayer& layer) { return layers_.push(layer); }
 
-/// Zero if wi is on different sides of a perturbed normal and its parent's, else the bump shadowing term.
-float Bsdf::frame_factor(const Frame& frame, const Vec3f& wi) const {
+/// Fades light out at the horizon. Without one: zero if wi is on different sides of a perturbed normal and its
+/// parent's, else the bump shadowing term.
+float Bsdf::frame_factor(const Frame& frame, const Vec3f& wi, float roughness) const {
+  if (frame.n_ng > 0) return terminator_factor(dot(horizon_, wi), dot(frame.basis.n, wi), frame.n_ng, roughness);
   float factor = 1;
   for (const Frame* f = &frame; f->parent >= 0;) {
     const Frame& parent = frames_[f->parent];
@@ -180,16 +205,16 @@ TEMPERA_INLINE void Bsdf::accumulate(const L& lobe, const Entry& entry, const Ve
                                      const Vec3f& local_wo, const Vec3f& local_wi, BsdfEval& out) const {
   const LobeEval e = lobe.eval(local_wo, local_wi);
   if (!(e.pdf > 0)) return;
+  out.pdf += e.pdf * entry.probability;  // also where the frame lets nothing pass: the lobe is sampled there
   float weight = entry.weight;
   const Frame& frame = frames_[entry.frame];
-  if (frame.parent >= 0) {
-    const float factor = frame_factor(frame, wi);
+  if (frame.attenuates) {
+    const float factor = frame_factor(frame, wi, lobe.roughness());
     if (factor == 0) return;
     weight *= factor;
   }
   if (entry.layer >= 0) weight *= layer_factor(entry.layer, wo, wi);
   out.f_cos[std::size_t(event_of(lobe.roughness(), local_wo.z * local_wi.z < 0))] += e.f_cos * weight;
-  out.pdf += e.pdf * entry.probability;
 }
 
 void Bsdf::accumulate_all(const Vec3f& wo, const Vec3f& wi, int skip, BsdfEval& out) const {
@@ -266,7 +291,7 @@ std::optional<BsdfSample> Bsdf::sample_delta(int i, const Vec3f& wo) const {
       if (!s.valid) return;
       out.wi = frame.basis.to_world(s.wi);
       weight = entry.weight;
-      if (frame.parent >= 0) weight *= frame_factor(frame, out.wi);
+      if (frame.attenuates) weight *= frame_factor(frame, out.wi, 0);
       if (entry.layer >= 0) weight *= layer_factor(entry.layer, wo, out.wi);
       out.transmitted = s.wi.z * o.z < 0;
       out.event = event_of(0, out.transmitted);
@@ -312,18 +337,28 @@ float Bsdf::rough_eta(const Vec3f& wo) const {
   return eta;
 }
 
-Rgb Bsdf::albedo(const Vec3f& wo, Event event) const {
+Rgb Bsdf::albedo(const Vec3f& wo) const {
   Rgb sum;
   for (int i = 0; i < lobes_.size(); ++i) {
     const Entry& entry = lobes_[i];
-    const Vec3f o = frames_[entry.frame].basis.to_local(wo);
+    const Basis& basis = frames_[entry.frame].basis;
     visit_lobe(entry.lobe, [&](const auto& lobe) {
-      // How much a layer lets pass depends on wi: take the mirror direction, or the mean cosine 2/3 of a diffuse lobe.
-      const bool diffuse = std::is_base_of_v<CosineSampled, std::decay_t<decltype(lobe)>>;
-      const Vec3f wi = diffuse ? frames_[entry.frame].basis.to_world({0.745356f, 0, 0.666667f}) : wo;
-      const float weight = entry.weight * layer_factor(entry.layer, wo, wi);
-      for (const bool transmitted : {false, true})
-        if (event_of(lobe.roughness(), transmitted) == event) sum += lobe_albedo(lobe, o, transmitted) * weight;
+      float weight = entry.weight;
+      if (entry.layer >= 0) {
+        // How much a layer lets pass depends on wi, too: the mirror direction, or all around for a diffuse lobe.
+        if constexpr (std::is_base_of_v<CosineSampled, std::decay_t<decltype(lobe)>>) {
+          constexpr int kCosines = 4;
+          float mean = 0;
+          for (int k = 0; k < kCosines; ++k) {
+            const float c2 = (float(k) + 0.5f) / kCosines;
+            mean += layer_factor(entry.layer, wo, basis.to_world({std::sqrt(1 - c2), 0, std::sqrt(c2)})) / kCosines;
+          }
+          weight *= mean;
+        } else {
+          weight *= layer_factor(entry.layer, wo, wo);
+        }
+      }
+      sum += lobe_albedo(lobe, basis.to_local(wo)) * weight;
     });
   }
   return sum;

@@ -45,6 +45,7 @@ MaterialPtr checked(MaterialPtr material) {
 ShadingPoint turned(const ShadingPoint& point, Bsdf& bsdf) {
   ShadingPoint back = point;
   back.frame.n = -back.frame.n;
+  back.unbent = -back.unbent;
   back.ng = -back.ng;
   if (back.bsdf_frame >= 0) back.bsdf_frame = bsdf.add_flipped_frame(back.bsdf_frame);
   return back;
@@ -126,17 +127,26 @@ class Perturbed : public Wrapper {
  public:
   using Wrapper::Wrapper;
   void add_lobes(const ShadingPoint& point, float weight, Bsdf& bsdf) const override {
-    Vec3f n = normal(point);  // local to the point's frame
-    // A normal that faces away from the viewer is turned about the unperturbed one.
-    const Vec3f wo = point.frame.to_local(point.wo);
-    if (wo.z * dot(wo, n) <= 0) n = {-n.x, -n.y, n.z};
-    n = normalize(n);
-    if (!(length_squared(n) > 0) || !is_finite(n)) n = {0, 0, 1};
     ShadingPoint bumped = point;
+    if (point.bends) bumped.frame = with_normal(point.frame, point.unbent);  // maps are over normals as they are
+    const Basis base = bumped.frame;
+    const auto unit = [](Vec3f n) {
+      n = normalize(n);
+      return length_squared(n) > 0 && is_finite(n) ? n : Vec3f{0, 0, 1};
+    };
+    const Vec3f mapped = normal(bumped);  // local to the base
+    Vec3f n = mapped;
+    // A normal that faces away from the viewer is turned about the unperturbed one.
+    const Vec3f wo = base.to_local(point.wo);
+    if (wo.z * dot(wo, n) <= 0) n = {-n.x, -n.y, n.z};
+    n = unit(n);
     const Vec3f s = Vec3f{1, 0, 0} - n * n.x;
     const Basis local = Basis::with_tangent(n, s);
-    bumped.frame = {point.frame.to_world(local.s), point.frame.to_world(local.t), point.frame.to_world(n)};
-    bumped.bsdf_frame = bsdf.add_perturbed_frame(bumped.frame, frame_of(point, bsdf));
+    bumped.frame = {base.to_world(local.s), base.to_world(local.t), base.to_world(n)};
+    bumped.unbent = bumped.frame.n;
+    if (point.bends)  // what reflects is bent from where the map points
+      bumped.frame = with_normal(bumped.frame, bend_normal(base.to_world(unit(mapped)), point.ng, point.wo));
+    bumped.bsdf_frame = bsdf.add_perturbed_frame(bumped.frame, frame_of(point, bsdf), bumped.unbent);
     nested_->add_lobes(bumped, weight, bsdf);
   }
   bool needs_tangents() const override { return true; }
@@ -188,6 +198,15 @@ class NormalMap final : public Perturbed {
 };
 
 }  // namespace
+
+void make_bent_bsdf(const Material& material, const ShadingPoint& point, Bsdf& bsdf) {
+  bsdf.set_horizon(ng_towards_viewer(point));
+  const Vec3f n = bend_normal(point.frame.n, point.ng, point.wo);
+  if (n == point.frame.n) return material.add_lobes(point, 1, bsdf);
+  ShadingPoint bent = point;
+  bent.frame = with_normal(point.frame, n);
+  material.add_lobes(bent, 1, bsdf);
+}
 
 MaterialPtr make_two_sided(MaterialPtr front, MaterialPtr back) {
   if (!back) back = front;

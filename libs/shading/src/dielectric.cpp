@@ -26,7 +26,8 @@ class Dielectric final : public Material {
                weight);
       return;
     }
-    const float cosine = cos_wo(point);
+    // Interfaces keep the unbent normal; a probability of 0 from another one would lose light.
+    const float cosine = point.bends ? dot(point.wo, point.unbent) : cos_wo(point);
     if (p_.thin) {
       const ThinFresnel thin{eta_, fresnel.reflectance, fresnel.transmittance};
       const float r = thin.reflect_probability(cosine);

@@ -14,6 +14,9 @@
 #include <map>
 #include <mutex>
 
+#include "file_color_space.h"
+#include "tempera/core/log.h"
+
 namespace tempera {
 
 Image::~Image() = default;
@@ -67,6 +70,13 @@ Channels find_channels(const OIIO::ImageSpec& spec) {
   c.index = {0, n >= 3 ? 1 : -1, n >= 3 ? 2 : -1, spec.alpha_channel};
   return c;
 }
+
+/// Colors that Rec. 709 does not have are cut off: a surface cannot reflect less than nothing.
+void convert(const ColorSpace& space, float* rgb) {
+  const Rgb c = space.to_linear({rgb[0], rgb[1], rgb[2]});
+  rgb[0] = std::max(c.r, 0.0f), rgb[1] = std::max(c.g, 0.0f), rgb[2] = std::max(c.b, 0.0f);
+}
+bool is_usable(float v, bool negative_too) { return std::isfinite(v) && (v >= 0 || negative_too); }
 
 OIIO::ImageSpec input_hints() {
   OIIO::ImageSpec hints;
@@ -186,11 +196,12 @@ std::shared_ptr<OIIO::ImageCache> page_cache() {
 /// Tiles of a file, read when they are needed.
 class PagedImage final : public Image {
  public:
-  PagedImage(const std::filesystem::path& file, bool srgb_, bool mipmap) : cache_(page_cache()) {
-    const OIIO::ustring name(file.string());
+  PagedImage(const std::filesystem::path& file, const ColorSpace& space, bool mipmap, bool keep_negative)
+      : cache_(page_cache()), space_(space), file_(file.string()), keep_negative_(keep_negative) {
+    const OIIO::ustring name(file_);
     handle_ = cache_->get_image_handle(name);
     format = TexelFormat::kPaged;
-    srgb = srgb_;
+    srgb = space.is_srgb();
     if (!handle_ || !cache_->get_imagespec(handle_, nullptr, spec_, 0, 0))
       throw Error(ErrorCode::kBadInput, cache_->geterror());
     width = spec_.width, height = spec_.height;
@@ -271,15 +282,24 @@ class PagedImage final : public Image {
         t.c[c] = byte_table(encoded)[static_cast<const std::uint8_t*>(texels)[at]];
         continue;
       }
-      const float v = type == OIIO::TypeUInt16 ? float(static_cast<const std::uint16_t*>(texels)[at]) * (1.0f / 65535)
-                      : type == OIIO::TypeHalf
-                          ? half_to_float(static_cast<const std::uint16_t*>(texels)[at])
-                          : static_cast<const float*>(texels)[at];  // what the cache makes of all else
+      float v = type == OIIO::TypeUInt16 ? float(static_cast<const std::uint16_t*>(texels)[at]) * (1.0f / 65535)
+                : type == OIIO::TypeHalf ? half_to_float(static_cast<const std::uint16_t*>(texels)[at])
+                                         : static_cast<const float*>(texels)[at];  // what the cache makes of all else
+      if (!is_usable(v, keep_negative_)) {
+        v = 0;
+        // The whole file is never looked at, so that this is said when the first is met.
+        if (!warned_.exchange(true)) log_warning(fmt::format("{}: {}", file_, kRepairedTexels));
+      }
       t.c[c] = encoded ? srgb_to_linear(v) : v;
     }
+    if (!srgb && !space_.is_linear()) convert(space_, t.c);
     return t;
   }
   std::shared_ptr<OIIO::ImageCache> cache_;
+  ColorSpace space_;
+  std::string file_;
+  bool keep_negative_;
+  mutable std::atomic<bool> warned_{false};
   OIIO::ImageCache::ImageHandle* handle_ = nullptr;
   OIIO::ImageSpec spec_;
   Channels channels_;
@@ -338,10 +358,18 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
   if (spec.width < 1 || spec.height < 1 || spec.nchannels < 1 || spec.deep) throw bad("it has no flat pixels");
 
   const Channels channels = find_channels(spec);
-  const bool is_byte = spec.format == OIIO::TypeDesc::UINT8 || spec.format == OIIO::TypeDesc::INT8;
-  const bool is_integer = !spec.format.is_floating_point();
-  const bool is_half = spec.format == OIIO::TypeDesc::HALF || spec.format == OIIO::TypeDesc::UINT16;
-  const bool srgb = request.auto_encoding ? is_integer : request.srgb;
+  ColorSpace space;
+  if (request.auto_encoding) {
+    space = color_space_of(*input, request.encoded.empty() ? request.file.string() : request.name);
+  } else if (request.srgb) {
+    space.transfer = ColorSpace::Transfer::kSrgb;
+  }
+  const bool srgb = space.is_srgb(), converts = !srgb && !space.is_linear();
+  // What is converted when it is read needs finer steps than bytes have.
+  const bool bytes_in_file = spec.format == OIIO::TypeDesc::UINT8 || spec.format == OIIO::TypeDesc::INT8;
+  const bool is_byte = bytes_in_file && !converts;
+  const bool is_half =
+      spec.format == OIIO::TypeDesc::HALF || spec.format == OIIO::TypeDesc::UINT16 || (bytes_in_file && converts);
   const bool gray = channels.gray();
   const TexelFormat format = is_byte   ? (gray ? TexelFormat::kByte1 : TexelFormat::kByte4)
                              : is_half ? (gray ? TexelFormat::kHalf1 : TexelFormat::kHalf4)
@@ -351,7 +379,7 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
   if (image_bytes + bytes > image_budget && request.encoded.empty()) {
     input->close();
     try {
-      return std::make_shared<PagedImage>(request.file, srgb, request.mipmap);
+      return std::make_shared<PagedImage>(request.file, space, request.mipmap, request.keep_negative);
     } catch (const Error& e) {
       throw bad(e.message());
     }
@@ -385,22 +413,30 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
                         : input->read_scanlines(0, 0, spec.y + y, spec.y + end, 0, 0, spec.nchannels, type, target);
     if (!ok) throw bad(input->geterror());
     const std::size_t first = std::size_t(y) * std::size_t(spec.width);
-    for (std::size_t i = 0; i < values / n; ++i)
-      for (std::size_t c = 0; c < out; ++c) {
+    for (std::size_t i = 0; i < values / n; ++i) {
+      float texel[4];
+      for (std::size_t c = 0; c < 4; ++c) {
         const int from = channels.index[c] >= 0 ? channels.index[c] : c < 3 ? channels.index[0] : -1;
-        const std::size_t to = (first + i) * out + c;
-        if (is_byte) {
-          static_cast<std::uint8_t*>(image->texels())[to] = from < 0 ? 255 : byte_row[i * n + std::size_t(from)];
-        } else {
+        if (!is_byte) {
           float v = from < 0 ? 1 : float_row[i * n + std::size_t(from)];
-          if (srgb && c < 3) v = srgb_to_linear(v);
-          if (!std::isfinite(v)) v = 0;
-          if (is_half)
-            static_cast<std::uint16_t*>(image->texels())[to] = float_to_half(v);
-          else
-            static_cast<float*>(image->texels())[to] = v;
+          if (!is_usable(v, request.keep_negative)) v = 0, image->repaired = true;
+          texel[c] = srgb && c < 3 ? srgb_to_linear(v) : v;
+        } else if (c < out) {
+          static_cast<std::uint8_t*>(image->texels())[(first + i) * out + c] =
+              from < 0 ? 255 : byte_row[i * n + std::size_t(from)];
         }
       }
+      if (is_byte) continue;
+      if (converts) convert(space, texel);
+      for (std::size_t c = 0; c < out; ++c) {
+        const std::size_t to = (first + i) * out + c;
+        const float v = std::isfinite(texel[c]) ? texel[c] : 0.0f;
+        if (is_half)
+          static_cast<std::uint16_t*>(image->texels())[to] = float_to_half(v);
+        else
+          static_cast<float*>(image->texels())[to] = v;
+      }
+    }
   }
   if (request.mipmap) image->make_levels();
   return image;
@@ -414,7 +450,8 @@ std::shared_ptr<const Image> load_image(const ImageRequest& request, const Sourc
   static std::mutex mutex;  // a cache of what is alive anyway: it owns nothing and changes no result
   static std::map<std::string, std::weak_ptr<const Image>> images;
   std::error_code ec;
-  std::string key = fmt::format("{}|{}|{}|", request.auto_encoding, request.srgb, request.mipmap);
+  std::string key =
+      fmt::format("{}|{}|{}|{}|", request.auto_encoding, request.srgb, request.mipmap, request.keep_negative);
   if (request.encoded.empty()) {
     const auto time = std::filesystem::last_write_time(request.file, ec);
     key += fmt::format("{}|{}", std::filesystem::weakly_canonical(request.file, ec).string(),

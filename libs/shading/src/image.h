@@ -50,15 +50,19 @@ class Image {
   virtual void page_block(int level, int x, int y, int w, int h, Texel* out) const;
   virtual int page_levels() const { return 1; }
   virtual void page_size(int level, int& w, int& h) const;
+  bool repaired = false;  ///< some values of the file were replaced by 0: no numbers, infinite, or negative
 };
+
+inline constexpr const char* kRepairedTexels = "texels that are negative, infinite or not a number are read as 0";
 
 struct ImageRequest {
   std::filesystem::path file;  ///< read this, or `encoded` if it is not empty
   std::string_view encoded;
   std::string name;           ///< for messages and to recognise the same image again
-  bool auto_encoding = true;  ///< integers are sRGB, floats linear; else `srgb` says
+  bool auto_encoding = true;  ///< as the file says, see file_color_space; else `srgb` says
   bool srgb = false;
   bool mipmap = false;
+  bool keep_negative = false;
 };
 
 /// The image of a request; equal requests share one while any is alive.

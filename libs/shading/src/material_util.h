@@ -5,14 +5,19 @@
 #include <initializer_list>
 
 #include "tempera/shading/material.h"
+#include "tempera/shading/shading_normal.h"
 
 namespace tempera {
 
 /// Index in `bsdf` of the point's shading frame.
 inline int frame_of(const ShadingPoint& point, Bsdf& bsdf) {
-  return point.bsdf_frame >= 0 ? point.bsdf_frame : bsdf.add_frame(point.frame);
+  if (point.bsdf_frame >= 0) return point.bsdf_frame;
+  return point.bends ? bsdf.add_frame(point.frame, point.unbent) : bsdf.add_frame(point.frame);
 }
 inline float cos_wo(const ShadingPoint& point) { return dot(point.wo, point.frame.n); }
+
+/// The geometric normal on the side of the viewer.
+inline Vec3f ng_towards_viewer(const ShadingPoint& point) { return dot(point.ng, point.wo) < 0 ? -point.ng : point.ng; }
 
 /// Roughness at a point; Beckmann and GGX.
 inline Microfacet microfacet_of(const Roughness& r, const ShadingPoint& point) {

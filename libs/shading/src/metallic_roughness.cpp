@@ -35,9 +35,10 @@ class MetallicRoughness final : public Material {
     const bool volume = transmission > 0 && eta_ != 1;
     int frame = frame_of(point, bsdf);
     float cosine = cos_wo(point);
-    // The opaque parts are shaded on both sides. Only the surface of a volume has an inside.
+    // Opaque parts look the same from behind if they are double-sided. Only the surface of a volume has an inside.
     const bool inside = volume && cosine < 0;
     if (cosine < 0 && !volume) {
+      if (!p_.double_sided && transmission == 0) return;
       frame = bsdf.add_flipped_frame(frame);
       cosine = -cosine;
     }
@@ -54,7 +55,7 @@ class MetallicRoughness final : public Material {
     SchlickFresnel fresnel;
     fresnel.f0 = lerp(tinted, base, metallic);
     fresnel.f90 = specular + metallic * (1 - specular);
-    fresnel.transmittance = base * ((1 - metallic) * transmission);
+    fresnel.transmittance = (volume && p_.tints_once ? sqrt(base) : base) * ((1 - metallic) * transmission);
     fresnel.loss0 = max_component(tinted);
     fresnel.loss90 = specular;
     fresnel.eta = volume ? eta_ : 1.0f;
@@ -121,12 +122,14 @@ class MetallicRoughness final : public Material {
     // The coat follows its own normal map over the interpolated normal, not the base's normal map.
     int coat_frame = unperturbed(frame, point, bsdf);
     if (p_.clearcoat_normal) {
-      const Basis& b = bsdf.frame_basis(coat_frame);
+      const Basis coat = bsdf.frame_basis(coat_frame);
+      const Basis b = point.bends ? with_normal(coat, bsdf.unbent_normal(coat_frame)) : coat;
       const Rgb t = p_.clearcoat_normal->rgb(point);
       const float s = p_.clearcoat_normal_scale;
-      const Vec3f n = normalize(b.to_world({s * (2 * t.r - 1), s * (2 * t.g - 1), 2 * t.b - 1}));
+      const Vec3f mapped = normalize(b.to_world({s * (2 * t.r - 1), s * (2 * t.g - 1), 2 * t.b - 1}));
+      const Vec3f n = point.bends ? bend_normal(mapped, ng_towards_viewer(point), point.wo) : mapped;
       if (dot(n, point.wo) > 0 && dot(n, b.n) > 0)
-        coat_frame = bsdf.add_perturbed_frame(Basis::with_tangent(n, b.s), coat_frame);
+        coat_frame = bsdf.add_perturbed_frame(Basis::with_tangent(n, b.s), coat_frame, mapped);
     }
     const float c = dot(bsdf.frame_basis(coat_frame).n, point.wo);
     if (c <= 0) return above;
@@ -174,7 +177,7 @@ class MetallicRoughness final : public Material {
       alpha_t = alpha + a * a * (1 - alpha);
     }
     if (smooth) {
-      parts.add(frame, MirrorLobe<SchlickFresnel>{fresnel, volume}, reflected * parts.below, layer);
+      parts.add(frame, MirrorLobe<SchlickFresnel>{fresnel, volume || transmits}, reflected * parts.below, layer);
       if (!transmits) return;
       if (volume)
         parts.add(frame, RefractionLobe<SchlickFresnel>{fresnel}, transmitted * parts.below, layer);

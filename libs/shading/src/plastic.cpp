@@ -57,6 +57,11 @@ std::shared_ptr<const RoughTransmittance> compute(Microfacets type, float alpha,
   });
   table->internal_reflectance =
       float(2 * std::accumulate(inside.begin(), inside.end(), 0.0) / RoughTransmittance::kSize);
+  constexpr int kSteps = 4 * RoughTransmittance::kSize;
+  for (int i = 0; i < kSteps; ++i) {
+    const float c = (float(i) + 0.5f) / kSteps;
+    table->mean += table->at(c) * 2 * c / kSteps;
+  }
   return table;
 }
 

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tempera/shading/texture.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 
@@ -266,7 +268,14 @@ std::shared_ptr<const Texture> make_texture(const ImageTextureParams& p, std::st
   request.auto_encoding = p.encoding == ColorEncoding::kAuto;
   request.srgb = p.encoding == ColorEncoding::kSrgb;
   request.mipmap = p.filter == TextureFilter::kMipmap;
+  request.keep_negative = p.keep_negative;
   auto image = load_image(request, loc);
+  if (image->repaired) {
+    if (p.warnings)
+      p.warnings->add(kRepairedTexels, loc);
+    else
+      log_warning(fmt::format("{}: {}", name, kRepairedTexels));
+  }
   switch (image->format) {
     case TexelFormat::kByte1:
       return std::make_shared<ImageTexture<Byte1>>(p, std::move(image));

@@ -1,11 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tempera/shading/texture.h"
 
+#include <fmt/format.h>
+
+#include <array>
 #include <fstream>
+#include <functional>
 #include <iterator>
 
 #include "../src/image.h"
 #include "shading_test_util.h"
+#include "tempera/core/color.h"
+#include "tempera/core/log.h"
+#include "tempera/shading/color_space.h"
 
 namespace tempera {
 namespace {
@@ -323,6 +330,58 @@ TEST(ImageTexture, PagedImagesLookTheSame) {
   }
 }
 
+TEST(ImageTexture, TexelsThatAreNoLightAreReadAsZeroWithOneWarning) {
+  const TemporaryFolder folder;
+  const float nan = std::nanf("");
+  const std::vector<float> f{-1, 0.5f, nan, kInfinity, -kInfinity, 2, 0.25f, 0.5f, 1, -0.0f, 1, 1};
+  for (const char* name : {"bad.exr", "bad.tif"}) {
+    write_image(folder / name, 2, 2, 3, f);
+    for (const auto filter : {TextureFilter::kNearest, TextureFilter::kBilinear, TextureFilter::kMipmap})
+      for (const bool paged : {false, true}) {
+        Warnings warnings;
+        ImageTextureParams p;
+        p.file = folder / name;
+        p.filter = filter;
+        p.warnings = &warnings;
+        if (paged) {
+          set_image_memory_budget(0);
+          std::filesystem::last_write_time(p.file, std::filesystem::last_write_time(p.file) + std::chrono::seconds(1));
+        }
+        const auto texture = make_image_texture(p);
+        set_image_memory_budget(std::size_t(1) << 30);
+        if (filter == TextureFilter::kNearest) {
+          expect_rgb(texture->rgb(at(0.25f, 0.25f)), {0, 0.5f, 0});
+          expect_rgb(texture->rgb(at(0.75f, 0.25f)), {0, 0, 2});
+          expect_rgb(texture->rgb(at(0.25f, 0.75f)), {0.25f, 0.5f, 1});
+        }
+        expect_rgb(texture->mean(), {0.0625f, 0.5f, 1}, 1e-3f);
+        Random random(6);
+        for (int i = 0; i < 200; ++i) {
+          const Rgb c = texture->rgb(at(2 * random() - 1, 2 * random() - 1));
+          EXPECT_TRUE(is_finite(c) && std::min({c.r, c.g, c.b}) >= 0);
+        }
+        if (paged) continue;  // what is wrong is met later, and logged then
+        ASSERT_EQ(warnings.lines().size(), 1u);
+        EXPECT_NE(warnings.lines()[0].find("negative, infinite or not a number"), std::string::npos);
+      }
+  }
+  // A height may be negative, but not infinite.
+  ImageTextureParams height;
+  height.file = folder / "bad.exr";
+  height.filter = TextureFilter::kNearest;
+  height.keep_negative = true;
+  EXPECT_EQ(make_image_texture(height)->scalar(at(0.25f, 0.25f)), -1);
+  EXPECT_EQ(make_image_texture(height)->scalar(at(0.75f, 0.25f)), 0);
+  // Images that are as they should be say nothing.
+  Warnings none;
+  write_image(folder / "good.exr", 2, 2, 3, std::vector<float>(12, 0.5f));
+  ImageTextureParams good;
+  good.file = folder / "good.exr";
+  good.warnings = &none;
+  make_image_texture(good);
+  EXPECT_TRUE(none.empty());
+}
+
 TEST(Checkerboard, ColorZeroWhereHalvesAgree) {
   const auto t = make_checkerboard(Rgb{1, 0, 0}, Rgb{0, 1, 0}, {});
   expect_rgb(t->rgb(at(0.2f, 0.3f)), {1, 0, 0});
@@ -351,6 +410,129 @@ TEST(Image, HalfFloatsRoundTrip) {
   for (const float f : {0.0f, 1.0f, -2.5f, 0.333251953125f, 65504.0f, 6.1035156e-5f})
     EXPECT_EQ(half_to_float(float_to_half(f)), f);
   EXPECT_EQ(half_to_float(float_to_half(1e9f)), 65504.0f);
+}
+
+/// One pixel with what the file says about its colors.
+void write_pixel(const std::filesystem::path& file, OIIO::TypeDesc type, const std::vector<float>& rgb,
+                 const std::function<void(OIIO::ImageSpec&)>& describe) {
+  OIIO::ImageSpec spec(1, 1, int(rgb.size()), type);
+  describe(spec);
+  auto out = OIIO::ImageOutput::create(file.string());
+  ASSERT_TRUE(out && out->open(file.string(), spec) && out->write_image(OIIO::TypeDesc::FLOAT, rgb.data()) &&
+              out->close());
+}
+
+// Linear Rec. 709 of a stored (0.5, 0.25, 0.75), computed by hand from the definitions: the curve, then the matrix from
+// the primaries (published for P3-D65, Rec. 2020 and ACEScg by their standards; with Bradford's adaptation for the
+// last).
+TEST(ColorSpaces, FilesSayWhatTheirNumbersAre) {
+  TemporaryFolder folder;
+  const Rgb stored{0.5f, 0.25f, 0.75f};
+  const auto srgb = [&](float v) { return srgb_to_linear(v); };
+  const Rgb decoded{srgb(stored.r), srgb(stored.g), srgb(stored.b)};
+  const auto power = [&](float g) { return Rgb{std::pow(stored.r, g), std::pow(stored.g, g), std::pow(stored.b, g)}; };
+  const auto times = [](const Rgb& c, const std::array<float, 9>& m) {
+    const Rgb r{m[0] * c.r + m[1] * c.g + m[2] * c.b, m[3] * c.r + m[4] * c.g + m[5] * c.b,
+                m[6] * c.r + m[7] * c.g + m[8] * c.b};
+    return Rgb{std::max(r.r, 0.0f), std::max(r.g, 0.0f), std::max(r.b, 0.0f)};
+  };
+  const std::array<float, 9> p3{1.22494f, -0.22494f, 0, -0.04206f, 1.04206f, 0, -0.01964f, -0.07864f, 1.09827f};
+  const std::array<float, 9> rec2020{1.66049f,  -0.58764f, -0.07285f, -0.12455f, 1.13290f,
+                                     -0.00835f, -0.01815f, -0.10058f, 1.11873f};
+  const std::array<float, 9> ap1{1.70505f,  -0.62179f, -0.08326f, -0.13026f, 1.14080f,
+                                 -0.01055f, -0.02400f, -0.12897f, 1.15297f};
+  struct Case {
+    std::string id;
+    Rgb expected;
+  };
+  const std::vector<Case> cases{{"", stored},
+                                {"unknown", stored},
+                                {"data", stored},
+                                {"lin_rec709_scene", stored},
+                                {"srgb_rec709_scene", decoded},
+                                {"sRGB_Rec709_Display", decoded},
+                                {"g22_rec709_scene", power(2.2f)},
+                                {"g18_rec709_scene", power(1.8f)},
+                                {"g24_rec709_display", power(2.4f)},
+                                {"lin_p3d65_scene", times(stored, p3)},
+                                {"srgb_p3d65_display", times(decoded, p3)},
+                                {"lin_rec2020_scene", times(stored, rec2020)},
+                                {"lin_ap1_scene", times(stored, ap1)},
+                                {"srgb_ap1_scene", times(decoded, ap1)}};
+  for (const OIIO::TypeDesc type : {OIIO::TypeDesc::FLOAT, OIIO::TypeDesc::HALF}) {
+    for (const Case& c : cases) {
+      ImageTextureParams params;
+      params.file = folder / fmt::format("{}_{}.exr", c.id, int(type.basetype));
+      write_pixel(params.file, type, {stored.r, stored.g, stored.b}, [&](OIIO::ImageSpec& spec) {
+        if (!c.id.empty()) spec.attribute("colorInteropID", c.id);
+      });
+      SCOPED_TRACE(c.id);
+      const float tolerance = type == OIIO::TypeDesc::HALF ? 1e-3f : 2e-4f;
+      expect_rgb(make_image_texture(params)->rgb(at(0.5f, 0.5f)), c.expected, tolerance);
+      expect_rgb(make_image_texture(params)->mean(), c.expected, tolerance);
+      params.encoding = ColorEncoding::kLinear;  // data stay as they are
+      expect_rgb(make_image_texture(params)->rgb(at(0.5f, 0.5f)), stored);
+    }
+  }
+  // Chromaticities of an EXR mean primaries, unless the identifier says otherwise.
+  const float chromaticities[8] = {0.713f, 0.293f, 0.165f, 0.830f, 0.128f, 0.044f, 0.32168f, 0.33767f};
+  for (const bool named : {false, true}) {
+    ImageTextureParams params;
+    params.file = folder / fmt::format("chromaticities{}.exr", named);
+    write_pixel(params.file, OIIO::TypeDesc::FLOAT, {0.5f, 0.25f, 0.75f}, [&](OIIO::ImageSpec& spec) {
+      spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), chromaticities);
+      if (named) spec.attribute("colorInteropID", "lin_rec709_scene");
+    });
+    expect_rgb(make_image_texture(params)->rgb(at(0.5f, 0.5f)), named ? stored : times(stored, ap1), 2e-4f);
+  }
+}
+
+// PNG: chunks that OpenImageIO reports. 8 and 16 bits, decoded and paged.
+TEST(ColorSpaces, PngChunksCount) {
+  TemporaryFolder folder;
+  for (const OIIO::TypeDesc type : {OIIO::TypeDesc::UINT8, OIIO::TypeDesc::UINT16}) {
+    for (const auto& [name, gamma, expected] : {std::tuple{"sRGB", 0.0f, srgb_to_linear(0.4f)},
+                                                {"", 0.0f, srgb_to_linear(0.4f)},
+                                                {"Linear", 1.0f, 0.4f},
+                                                {"Gamma1.8", 1.8f, std::pow(0.4f, 1.8f)},
+                                                {"Gamma2.2", 2.2f, srgb_to_linear(0.4f)}}) {
+      ImageTextureParams params;
+      params.file = folder / fmt::format("{}_{}.png", name, int(type.basetype));
+      write_pixel(params.file, type, {0.4f, 0.4f, 0.4f}, [&, n = name, g = gamma](OIIO::ImageSpec& spec) {
+        spec.erase_attribute("oiio:ColorSpace");
+        if (*n) spec.attribute("oiio:ColorSpace", n);
+        if (g > 0) spec.attribute("oiio:Gamma", g);
+      });
+      SCOPED_TRACE(name);
+      expect_rgb(make_image_texture(params)->rgb(at(0.5f, 0.5f)), Rgb(expected), 2e-4f);
+      set_image_memory_budget(0);
+      params.filter = TextureFilter::kNearest;
+      params.file = folder / fmt::format("copy_{}_{}.png", name, int(type.basetype));
+      std::filesystem::copy_file(folder / fmt::format("{}_{}.png", name, int(type.basetype)), params.file);
+      expect_rgb(make_image_texture(params)->rgb(at(0.5f, 0.5f)), Rgb(expected), 2e-4f);
+      set_image_memory_budget(std::size_t(1) << 30);
+    }
+  }
+}
+
+TEST(ColorSpaces, UnknownOnesAreSaidOnce) {
+  TemporaryFolder folder;
+  ImageTextureParams params;
+  params.file = folder / "odd.exr";
+  write_pixel(params.file, OIIO::TypeDesc::FLOAT, {0.5f, 0.25f, 0.75f},
+              [&](OIIO::ImageSpec& spec) { spec.attribute("colorInteropID", "pq_rec2020_display"); });
+  std::string log;
+  set_log_writer([&](std::string_view line) { log += line; });
+  const auto texture = make_image_texture(params), again = make_image_texture(params);
+  set_log_writer({});
+  expect_rgb(texture->rgb(at(0.5f, 0.5f)), {0.5f, 0.25f, 0.75f});
+  EXPECT_NE(log.find("\"pq_rec2020_display\" (colorInteropID) is not known; taken as linear"), std::string::npos)
+      << log;
+  EXPECT_EQ(std::count(log.begin(), log.end(), '\n'), 1) << log;
+  EXPECT_FALSE(named_color_space("lin_rec709"));
+  EXPECT_FALSE(named_color_space("lin_nothing_scene"));
+  EXPECT_FALSE(named_color_space("g2x_rec709_scene"));
+  EXPECT_FALSE(named_color_space(""));
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -93,6 +94,16 @@ struct Picture {
   Image image;
 };
 
+/// The residuals that have a spectrum, by the metric that is made of it.
+constexpr std::array<std::string_view, 3> kSpectra{"flicker_display", "flicker", "flicker_tracked"};
+enum SpectrumKind : std::size_t { kDisplayed, kInPlace, kTracked };
+
+/// The residuals of one run.
+struct Residuals {
+  PowerSums power;
+  std::vector<SegmentRecord> segments;  ///< that are being filled, the oldest first
+};
+
 /// One run of one side, and what has been measured of it.
 struct Run {
   std::size_t side = 0, index = 0;  ///< index: within its side
@@ -100,21 +111,22 @@ struct Run {
   std::vector<std::vector<PixelMean>> values;  ///< [metric][frame of the side]
   Picture now, before;
   Image motion;
-  PowerSums power, power_tracked;
-  std::vector<SegmentRecord> segments, segments_tracked;  ///< that are being filled, the oldest first
+  std::array<Residuals, kSpectra.size()> residuals;
 };
 
-/// What the runs of a side share in the spectrum of their residuals.
+/// What the runs of a side share in the spectrum of their residuals; sides with the same frames have one together.
 struct SpectrumPlan {
   Segments segments;  ///< empty if there are too few frames
-  std::size_t first = 0;
-  int frames = 0;
-  std::vector<Tracks> tracks;  ///< of the segments that are being filled
+  int first_frame = 0, frames = 0;
+  std::vector<Tracks> tracks;                        ///< of the segments that are being filled
+  std::array<Residuals, kSpectra.size()> reference;  ///< of the first reference, if there are two
 };
 
 struct ReferenceFrame {
   std::optional<int> frame;
-  Image image, half_a, half_b, backward, forward;
+  Image image;          ///< the mean, if there are two references
+  Image first, second;  ///< empty if there is one
+  Image half_a, half_b, backward, forward;
 };
 
 class Comparison {
@@ -126,6 +138,7 @@ class Comparison {
     check_options(options);
     still_ = reference.frames().size() == 1;
     plan_sides();
+    plan_second_reference();
     plan_files();
     plan_metrics();
     plan_spectra();
@@ -172,6 +185,28 @@ class Comparison {
   }
 
   int reference_frame(int frame) const { return still_ ? reference_.frames()[0] : frame; }
+  std::string second_path(int frame) const { return second_->path(still_ ? second_->frames()[0] : frame); }
+
+  void plan_second_reference() {
+    if (options_.reference2.empty()) return;
+    second_.emplace(options_.reference2);
+    const auto fail = [&](const std::string& what) {
+      throw Error(ErrorCode::kBadInput, fmt::format("the second reference {} {}", second_->pattern(), what));
+    };
+    if (still_ != (second_->frames().size() == 1)) {
+      const auto count = [](const FrameSequence& q) {
+        return q.frames().size() == 1 ? "a single picture" : fmt::format("a sequence of {} frames", q.frames().size());
+      };
+      fail(fmt::format("is {}, the first, {}, is {}", count(*second_), reference_.pattern(), count(reference_)));
+    }
+    for (const int f : all_frames_) {
+      if (!still_ && !second_->has(f)) fail(fmt::format("lacks frame {}, which {} has", f, reference_.pattern()));
+      const std::string path = reference_.path(reference_frame(f));
+      if (std::error_code ignored; std::filesystem::equivalent(path, second_path(f), ignored)) {
+        fail(fmt::format("is the first one again ({}); it has to be rendered with another seed", path));
+      }
+    }
+  }
 
   /// What the files hold, judged by the first frame.
   void plan_files() {
@@ -181,7 +216,7 @@ class Comparison {
     };
     if (const auto info = render_info(header.metadata)) result_.fps = info->fps;
     result_.width = header.width, result_.height = header.height;
-    has_halves_ = options_.layer == layers::color().name && has(header, layers::color_a().name) &&
+    has_halves_ = !second_ && options_.layer == layers::color().name && has(header, layers::color_a().name) &&
                   has(header, layers::color_b().name);
     FrameHeader vectors = header;
     if (!options_.motion.empty()) {
@@ -261,6 +296,7 @@ class Comparison {
     for (Run& r : runs_) {
       r.values.assign(metrics_.size(), std::vector<PixelMean>(result_.sides[r.side].frames.size()));
     }
+    noise_.assign(metrics_.size(), std::vector<double>(all_frames_.size(), kUndefined));
     if (observer_) {
       for (const std::string& id : observer_->maps()) {
         if (!get_metric(id).has_map) throw Error(ErrorCode::kBadInput, fmt::format("\"{}\" has no map", id));
@@ -282,6 +318,10 @@ class Comparison {
     uses_pairs_ =
         std::any_of(used.begin(), used.end(), [](const MetricEntry* e) { return e->info.scope == MetricScope::kPair; });
     uses_seeds_ = uses(MetricNeeds::kSeeds);
+    for (std::size_t k = 0; k < kSpectra.size(); ++k) {
+      uses_spectrum_[k] = measures(kSpectra[k]);
+      uses_spectra_ |= uses_spectrum_[k];
+    }
     reads_backward_ = has_backward_ && (uses_previous_ || uses_test_motion_ || uses_tracks_ || vectors_wanted);
     reads_forward_ = has_forward_ && (uses_previous_ || uses_tracks_ || vectors_wanted);
   }
@@ -291,18 +331,25 @@ class Comparison {
   }
 
   void plan_spectra() {
-    uses_spectrum_ = measures("flicker");
-    plans_.resize(result_.sides.size());
     std::int64_t bytes = 0;  // of each pixel that is looked at
-    for (std::size_t s = 0; s < plans_.size(); ++s) {
-      SpectrumPlan& plan = plans_[s];
-      std::tie(plan.first, plan.frames) = longest_stretch(result_.sides[s].frames, step_);
-      if (uses_spectrum_ || uses_tracks_) plan.segments = plan_segments(plan.frames);
-      const std::int64_t at_a_time = std::min<std::int64_t>(2, std::int64_t(plan.segments.starts.size()));
-      const std::int64_t runs = std::int64_t(result_.sides[s].runs.size());
-      bytes +=
-          at_a_time * (runs * plan.segments.length * std::int64_t(sizeof(float)) * (uses_spectrum_ + uses_tracks_) +
-                       std::int64_t(sizeof(Vec2f)) * uses_tracks_);
+    const auto records = std::int64_t(std::count(uses_spectrum_.begin(), uses_spectrum_.end(), true));
+    for (const CompareSide& side : result_.sides) {
+      const auto [first, frames] = longest_stretch(side.frames, step_);
+      const int first_frame = side.frames[first];
+      std::size_t at = 0;
+      while (at < plans_.size() && (plans_[at].first_frame != first_frame || plans_[at].frames != frames)) ++at;
+      const bool is_new = at == plans_.size();
+      if (is_new) {
+        SpectrumPlan& plan = plans_.emplace_back();
+        plan.first_frame = first_frame, plan.frames = frames;
+        if (uses_spectra_) plan.segments = plan_segments(frames);
+      }
+      plan_of_side_.push_back(at);
+      const Segments& segments = plans_[at].segments;
+      const std::int64_t at_a_time = std::min<std::int64_t>(2, std::int64_t(segments.starts.size()));
+      const std::int64_t runs = std::int64_t(side.runs.size()) + (is_new && second_);
+      bytes += at_a_time * (runs * segments.length * std::int64_t(sizeof(float)) * records +
+                            std::int64_t(sizeof(Vec2f)) * (is_new && uses_spectrum_[kTracked]));
     }
     int stride = 1;
     while (std::int64_t((result_.width + stride - 1) / stride) * ((result_.height + stride - 1) / stride) * bytes >
@@ -332,6 +379,17 @@ class Comparison {
     add(own_vectors && reads_forward_, layers::motion_forward());
     Frame f = read_frame(reference_.path(reference_frame(frame)), read);
     r.image = std::move(f.layer(options_.layer));
+    if (second_) {
+      r.first = std::move(r.image);
+      r.second = std::move(read_frame(second_path(frame), {{options_.layer}}).layer(options_.layer));
+      if (r.first.width() != r.second.width() || r.first.height() != r.second.height()) {
+        throw Error(ErrorCode::kBadInput,
+                    fmt::format("the second reference {} has {}x{} pixels, the first, {}, has {}x{}",
+                                second_path(frame), r.second.width(), r.second.height(),
+                                reference_.path(reference_frame(frame)), r.first.width(), r.first.height()));
+      }
+      r.image = mean_of(r.first, r.second);
+    }
     const auto take = [&](bool use, const LayerDesc& layer, Image& image) {
       if (use) image = std::move(f.layer(layer.name));
     };
@@ -390,24 +448,33 @@ class Comparison {
   static const Image* some(const Image& image) { return image.empty() ? nullptr : &image; }
 
   /// The reference in the frame before; null if that was not compared.
-  const Image* reference_before(int frame) const {
-    if (still_) return &now_.image;
-    return before_.frame == frame - step_ ? &before_.image : nullptr;
+  const ReferenceFrame* reference_before(int frame) const {
+    if (still_) return &now_;
+    return before_.frame == frame - step_ ? &before_ : nullptr;
   }
 
   void measure(int frame) {
     measure_reference();
-    const bool have_before = reference_before(frame) != nullptr;
+    const ReferenceFrame* const before = reference_before(frame);
     Image previous;
-    if (uses_previous_ && have_before && !now_.backward.empty()) {
+    if (uses_previous_ && before && !now_.backward.empty()) {
       previous = previous_positions(now_.backward, some(before_.forward));
     }
     std::vector<TestFrame> tests;
     for (const Run* r : active_) {
-      const bool pair = have_before && r->before.frame == frame - step_;
+      const bool pair = before && r->before.frame == frame - step_;
       tests.push_back({&r->now.image, pair ? &r->before.image : nullptr, some(r->motion)});
     }
-    const FrameBatch batch{now_.image, reference_before(frame), some(now_.backward), some(previous), tests, options_};
+    // The noise of two references is what a squared metric makes of the first one, beside the mean of both.
+    if (second_) tests.push_back({&now_.first, before ? &before->first : nullptr, nullptr});
+    FrameBatch batch{.reference = now_.image,
+                     .first = some(now_.first),
+                     .second = some(now_.second),
+                     .reference_before = before ? &before->image : nullptr,
+                     .motion = some(now_.backward),
+                     .previous = some(previous),
+                     .tests = tests,
+                     .options = options_};
     if (observer_) observer_->reference(frame, now_.image, some(now_.backward), some(now_.forward));
 
     // Maps are drawn of the first run of each side.
@@ -415,27 +482,36 @@ class Comparison {
     for (std::size_t m = 0; m < metrics_.size(); ++m) {
       if (!metrics_[m]->measure) continue;
       const bool drawn = std::find(drawn_.begin(), drawn_.end(), metrics_[m]) != drawn_.end();
-      std::vector<Measurement> out(active_.size());
+      const bool noise = second_ && metrics_[m]->info.squared;
+      std::vector<Measurement> out(active_.size() + noise);
       for (std::size_t i = 0; i < active_.size(); ++i) {
         if (drawn && active_[i]->index == 0) out[i].map = &maps[{metrics_[m]->info.id, i}];
       }
+      batch.tests = std::span(tests).first(out.size());
       metrics_[m]->measure(batch, out);
       for (std::size_t i = 0; i < active_.size(); ++i) {
         Run& r = *active_[i];
         r.values[m][index_of(result_.sides[r.side].frames, frame)] = out[i].mean;
       }
+      if (noise) noise_[m][index_of(all_frames_, frame)] = out.back().mean.value;
     }
+    batch.tests = std::span(tests).first(active_.size());
     for (const Run* r : active_) {
       CompareSide& side = result_.sides[r->side];
       side.non_finite[index_of(side.frames, frame)] += count_non_finite(r->now.image);
     }
-    if (uses_seeds_) measure_seeds();
-    if (uses_spectrum_ || uses_tracks_) record_residuals(frame);
+    if (uses_seeds_) measure_seeds(frame);
+    if (uses_spectra_) record_residuals(frame);
     if (observer_) show(frame, batch, maps);
   }
 
-  /// The reference's own error: half of the difference of its halves has the variance of their mean.
+  /// The reference's own error: half of the difference of two references, or of its halves, has the variance of their
+  /// mean.
   void measure_reference() {
+    if (second_) {
+      reference_errors_.push_back(relative_mse(now_.first, now_.image, nullptr, options_.epsilon));
+      return;
+    }
     if (!has_halves_ || (still_ && !reference_errors_.empty())) return;
     const PixelMean e = mean_over_pixels(result_.width, result_.height, nullptr, 0, [&](int x, int y) {
       const Rgb a = now_.half_a.rgb(x, y), b = now_.half_b.rgb(x, y), r = now_.image.rgb(x, y);
@@ -458,8 +534,11 @@ class Comparison {
     return images;
   }
 
-  void measure_seeds() {
+  void measure_seeds(int frame) {
     seeds_.resize(result_.sides.size());
+    for (std::size_t m = 0; m < metrics_.size() && second_; ++m) {
+      if (metrics_[m]->info.id == "bias_squared") noise_[m][index_of(all_frames_, frame)] = reference_errors_.back();
+    }
     for (std::size_t s = 0; s < result_.sides.size(); ++s) {
       const std::vector<const Image*> images = images_of(s);
       if (images.size() > 1) seeds_[s].push_back(bias_and_variance(images, now_.image, options_.epsilon));
@@ -467,34 +546,48 @@ class Comparison {
   }
 
   void record_residuals(int frame) {
-    for (std::size_t s = 0; s < plans_.size(); ++s) {
-      SpectrumPlan& plan = plans_[s];
-      if (plan.segments.starts.empty() || !contains(result_.sides[s].frames, frame)) continue;
-      const auto at = std::int64_t(index_of(result_.sides[s].frames, frame)) - std::int64_t(plan.first);
-      if (at < 0 || at >= plan.frames) continue;
+    const bool displays = uses_spectrum_[kDisplayed];
+    const auto displayed = [&](const Image& image) { return display_luminance(image, options_.exposure); };
+    Image shown_reference, shown_first;
+    if (displays) {
+      shown_reference = displayed(second_ ? now_.first : now_.image);
+      if (second_) {
+        shown_first = std::move(shown_reference);
+        shown_reference = mean_of(shown_first, displayed(now_.second));
+      }
+    }
+    for (std::size_t p = 0; p < plans_.size(); ++p) {
+      SpectrumPlan& plan = plans_[p];
+      const int at = (frame - plan.first_frame) / step_;
+      if (plan.segments.starts.empty() || frame < plan.first_frame || at >= plan.frames) continue;
       for (Tracks& t : plan.tracks) {
         t.advance(before_.forward, some(now_.backward));
       }
-      const bool begins = contains(plan.segments.starts, int(at));
-      if (begins && uses_tracks_) plan.tracks.emplace_back(*choice_);
+      const bool begins = contains(plan.segments.starts, at);
+      if (begins && uses_spectrum_[kTracked]) plan.tracks.emplace_back(*choice_);
       bool ended = false;
-      for (Run* r : active_) {
-        if (r->side != s) continue;
-        const auto record = [&](std::vector<SegmentRecord>& segments, bool use, bool tracked, PowerSums& power) {
-          if (!use) return;
+      const auto record = [&](std::array<Residuals, kSpectra.size()>& residuals, const Image& test,
+                              const Image& shown) {
+        for (std::size_t k = 0; k < kSpectra.size(); ++k) {
+          if (!uses_spectrum_[k]) continue;
+          std::vector<SegmentRecord>& segments = residuals[k].segments;
           if (begins) segments.emplace_back(plan.segments, choice_);
           for (std::size_t i = 0; i < segments.size(); ++i) {
-            segments[i].add(r->now.image, now_.image, tracked ? &plan.tracks[i].positions() : nullptr);
+            segments[i].add(k == kDisplayed ? shown : test, k == kDisplayed ? shown_reference : now_.image,
+                            k == kTracked ? &plan.tracks[i].positions() : nullptr);
           }
-          if (!segments.front().full()) return;
-          segments.front().add_to(power);
+          if (!segments.front().full()) continue;
+          segments.front().add_to(residuals[k].power);
           segments.erase(segments.begin());
           ended = true;
-        };
-        record(r->segments, uses_spectrum_, false, r->power);
-        record(r->segments_tracked, uses_tracks_, true, r->power_tracked);
+        }
+      };
+      for (Run* r : active_) {
+        if (plan_of_side_[r->side] != p) continue;
+        record(r->residuals, r->now.image, displays ? displayed(r->now.image) : Image());
       }
-      if (ended && uses_tracks_) plan.tracks.erase(plan.tracks.begin());
+      if (second_) record(plan.reference, now_.first, shown_first);
+      if (ended && uses_spectrum_[kTracked]) plan.tracks.erase(plan.tracks.begin());
     }
   }
 
@@ -518,6 +611,50 @@ class Comparison {
   }
 
   // --- Results
+
+  static double scaled(MetricScale scale, double mean_square) {
+    switch (scale) {
+      case MetricScale::kPlain:
+        break;
+      case MetricScale::kDecibels:
+        return decibels_below_peak(mean_square);
+      case MetricScale::kDisplayLevels:
+        return 255 * std::sqrt(mean_square < 0 ? 0 : mean_square);
+    }
+    return mean_square;
+  }
+
+  /// Makes of mean squares what the metric is; the standard error to first order.
+  static void rescale(MetricScale scale, MetricSeries& s) {
+    const double mean_square = s.mean.mean;
+    s.mean.mean = scaled(scale, mean_square);
+    for (double& v : s.values) v = scaled(scale, v);
+    if (scale == MetricScale::kPlain) return;
+    const double slope =
+        scale == MetricScale::kDecibels ? 10 / std::log(10.0) / mean_square : 255 / (2 * std::sqrt(mean_square));
+    s.mean.standard_error *= mean_square > 0 ? slope : kUndefined;
+  }
+
+  /// Takes the noise of two references out of the values of the runs.
+  void take_noise_out() {
+    if (!second_) return;
+    for (std::size_t m = 0; m < metrics_.size(); ++m) {
+      const MetricEntry& e = *metrics_[m];
+      double noise = mean_error(noise_[m]).mean;
+      if (e.info.scope == MetricScope::kSequence) {
+        const SpectrumPlan& plan = plans_[plan_of_side_[0]];
+        if (!plan.segments.starts.empty()) noise = power_above(spectrum(e, plan, plan.reference), options_.cutoff);
+      }
+      result_.reference_noise.push_back(scaled(e.scale, noise));
+      if (!e.info.squared || !e.measure) continue;
+      for (Run& r : runs_) {
+        const std::vector<int>& frames = result_.sides[r.side].frames;
+        for (std::size_t f = 0; f < frames.size(); ++f) {
+          r.values[m][f].value -= noise_[m][index_of(all_frames_, frames[f])];
+        }
+      }
+    }
+  }
 
   /// The series of a metric from the values of each run.
   MetricSeries series_of(const MetricEntry& entry, const std::vector<const std::vector<PixelMean>*>& runs) const {
@@ -545,11 +682,7 @@ class Comparison {
       }
       s.mean = mean_error(over_runs);
     }
-    if (entry.decibels) {
-      s.mean.standard_error *= 10 / std::log(10.0) / s.mean.mean;
-      s.mean.mean = decibels_below_peak(s.mean.mean);
-      for (double& v : s.values) v = decibels_below_peak(v);
-    }
+    rescale(entry.scale, s);
     return s;
   }
 
@@ -558,32 +691,48 @@ class Comparison {
     s.metric = find_metric(entry.info.id);
     const bool bias = entry.info.id == "bias_squared";
     std::vector<std::vector<double>> without;
-    for (const BiasVariance& b : seeds_[side]) {
+    for (std::size_t f = 0; f < seeds_[side].size(); ++f) {
+      const BiasVariance& b = seeds_[side][f];
       s.values.push_back(bias ? b.bias_squared : b.variance);
       without.push_back(bias ? b.bias_squared_without : b.variance_without);
+      if (!bias || !second_) continue;
+      // The error of the reference is one that all runs share.
+      const double noise = reference_errors_[index_of(all_frames_, result_.sides[side].frames[f])];
+      s.values.back() -= noise;
+      for (double& v : without.back()) v -= noise;
     }
     s.mean = jackknife(s.values, without);
     if (s.values.empty()) s.values.assign(result_.sides[side].frames.size(), kUndefined);
     return s;
   }
 
+  /// The spectrum of one run, with the noise of the references.
+  ResidualSpectrum spectrum(const MetricEntry& entry, const SpectrumPlan& plan,
+                            const std::array<Residuals, kSpectra.size()>& residuals) const {
+    const auto kind = std::size_t(std::find(kSpectra.begin(), kSpectra.end(), entry.info.id) - kSpectra.begin());
+    const PowerSums& sums = residuals[kind].power;
+    const double all = double(result_.width) * double(result_.height) * double(plan.segments.starts.size());
+    return spectrum_of(entry.info.id, plan.segments, sums, sums.pixels / all);
+  }
+
   /// The spectrum of a side, the mean of those of its runs, and the power above the cutoff.
   MetricSeries spectrum_series(const MetricEntry& entry, std::size_t side) {
-    const bool tracked = entry.info.needs == MetricNeeds::kTracks;
-    const SpectrumPlan& plan = plans_[side];
+    const SpectrumPlan& plan = plans_[plan_of_side_[side]];
     MetricSeries s;
     s.metric = find_metric(entry.info.id);
     if (plan.segments.starts.empty()) return s;
     std::vector<double> flicker;
     ResidualSpectrum mean;
-    const double all = double(result_.width) * double(result_.height) * double(plan.segments.starts.size());
     for (const Run& r : runs_) {
       if (r.side != side) continue;
-      const PowerSums& sums = tracked ? r.power_tracked : r.power;
-      const ResidualSpectrum one = spectrum_of(entry.info.id, plan.segments, sums, sums.pixels / all);
+      ResidualSpectrum one = spectrum(entry, plan, r.residuals);
+      if (second_) {
+        const ResidualSpectrum noise = spectrum(entry, plan, plan.reference);
+        for (std::size_t k = 0; k < one.power.size(); ++k) one.power[k] -= noise.power[k];
+      }
       flicker.push_back(power_above(one, options_.cutoff));
       if (flicker.size() == 1) {
-        mean = one;
+        mean = std::move(one);
       } else {
         const double n = double(flicker.size());
         for (std::size_t k = 0; k < mean.power.size(); ++k) mean.power[k] += (one.power[k] - mean.power[k]) / n;
@@ -591,6 +740,10 @@ class Comparison {
       }
     }
     s.mean = mean_error(flicker);
+    rescale(entry.scale, s);
+    if (entry.scale == MetricScale::kDisplayLevels) {
+      for (double& p : mean.power) p *= 255.0 * 255;
+    }
     result_.sides[side].spectra.push_back(std::move(mean));
     return s;
   }
@@ -598,6 +751,7 @@ class Comparison {
   void finish() {
     result_.reference_error = mean_error(reference_errors_);
     seeds_.resize(result_.sides.size());
+    take_noise_out();
     for (std::size_t s = 0; s < result_.sides.size(); ++s) {
       for (std::size_t m = 0; m < metrics_.size(); ++m) {
         const MetricEntry& e = *metrics_[m];
@@ -628,12 +782,23 @@ class Comparison {
       notes.push_back(fmt::format("The {:g} % of the pixels with the largest errors are left out of {}.",
                                   options_.trim * 100, fmt::join(trimmed, ", ")));
     }
-    if ((uses_spectrum_ || uses_tracks_) && choice_->stride > 1) {
+    if (choice_->stride > 1) {
       notes.push_back(
           fmt::format("Flicker was measured at one pixel of each {0}x{0}, to save memory.", choice_->stride));
     }
-    if (std::isfinite(result_.reference_error.mean)) {
-      notes.push_back(fmt::format("The reference's own relMSE is about {:.2g}.", result_.reference_error.mean));
+    const double own = result_.reference_error.mean;
+    std::vector<std::string_view> squared;
+    for (const MetricInfo* m : result_.metrics) {
+      if (m->squared) squared.push_back(m->title);
+    }
+    if (second_ && own == 0) {
+      notes.emplace_back("The two references are equal: there was no noise of theirs to take out.");
+    } else if (second_ && !squared.empty()) {
+      notes.push_back(fmt::format("The noise of the two references is taken out of {}.", fmt::join(squared, ", ")));
+    }
+    if (std::isfinite(own) && !(second_ && own == 0)) {
+      notes.push_back(second_ ? fmt::format("The relMSE of the references' mean is itself about {:.2g}.", own)
+                              : fmt::format("The reference's own relMSE is about {:.2g}.", own));
     }
     for (const CompareSide& s : result_.sides) {
       if (!s.missing.empty()) {
@@ -660,9 +825,12 @@ class Comparison {
 
   CompareResult result_;
   std::vector<const MetricEntry*> metrics_, drawn_;
+  std::optional<FrameSequence> second_;     ///< the second reference
+  std::vector<std::vector<double>> noise_;  ///< of two references: [metric][frame], undefined where it does not count
   bool still_ = false, has_halves_ = false, has_backward_ = false, has_forward_ = false, tests_have_motion_ = false;
   bool uses_previous_ = false, uses_tracks_ = false, uses_test_motion_ = false, uses_pairs_ = false,
-       uses_seeds_ = false, uses_spectrum_ = false, reads_backward_ = false, reads_forward_ = false;
+       uses_seeds_ = false, uses_spectra_ = false, reads_backward_ = false, reads_forward_ = false;
+  std::array<bool, kSpectra.size()> uses_spectrum_{};
   std::optional<FrameSequence> motion_;
   std::vector<int> all_frames_;
   int step_ = 1, done_ = 0, total_ = 0;
@@ -672,7 +840,8 @@ class Comparison {
   ReferenceFrame now_, before_;
   std::vector<double> reference_errors_;
   std::vector<std::vector<BiasVariance>> seeds_;  ///< [side][frame]
-  std::vector<SpectrumPlan> plans_;               ///< [side]
+  std::vector<SpectrumPlan> plans_;
+  std::vector<std::size_t> plan_of_side_;
   std::shared_ptr<const PixelChoice> choice_;
 };
 

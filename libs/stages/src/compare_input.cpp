@@ -23,12 +23,10 @@ std::size_t digits_at(std::string_view text, std::size_t begin) {
   return end - begin;
 }
 
-/// Length of the place for a frame number ("####", "%04d", "$F4") that `pattern` begins with; 0 if there is none.
+/// Length of the place for a frame number that `pattern` begins with; 0 if there is none.
 std::size_t frame_place(std::string_view pattern) {
-  if (pattern.starts_with('#')) return std::min(pattern.find_first_not_of('#'), pattern.size());
-  if (pattern.starts_with("$F")) return 2 + digits_at(pattern, 2);
-  const std::size_t type = 1 + digits_at(pattern, 1);
-  return pattern.starts_with('%') && type < pattern.size() && pattern[type] == 'd' ? type + 1 : 0;
+  const FramePlace place = find_frame_place(pattern);
+  return place.begin == 0 ? place.length : 0;
 }
 
 /// Whether `name` is of the form of `pattern`, one part of a path, in which '*' stands for any text and a place for the

@@ -125,9 +125,15 @@ std::string to_json(const CompareResult& result) {
                        {"better", to_text(m->better)},
                        {"formula", m->formula},
                        {"source", m->source},
-                       {"trim", m->trims ? o.trim : 0}});
+                       {"trim", m->trims ? o.trim : 0},
+                       {"noise_removed", m->squared && !o.reference2.empty()}});
+  }
+  Json noise = Json::object();
+  for (std::size_t m = 0; m < result.reference_noise.size(); ++m) {
+    if (result.metrics[m]->squared) noise[std::string(result.metrics[m]->id)] = number(result.reference_noise[m]);
   }
   Json j{{"reference", result.reference},
+         {"reference2", o.reference2.empty() ? Json(nullptr) : Json(o.reference2)},
          {"layer", o.layer},
          {"width", result.width},
          {"height", result.height},
@@ -135,6 +141,7 @@ std::string to_json(const CompareResult& result) {
          {"reference_error",
           {{"relmse", number(result.reference_error.mean)},
            {"confidence_95", number(result.reference_error.confidence_95())}}},
+         {"reference_noise", std::move(noise)},
          {"settings",
           {{"epsilon", o.epsilon},
            {"exposure", o.exposure},
@@ -173,6 +180,11 @@ std::string to_csv(const CompareResult& result) {
     for (const MetricSeries& m : s.series) text += fmt::format(",{}", csv_number(m.mean.standard_error));
     text += ",\n";
   }
+  if (!result.reference_noise.empty()) {
+    text += "reference,noise";
+    for (const double v : result.reference_noise) text += fmt::format(",{}", csv_number(v));
+    text += ",\n";
+  }
   return text;
 }
 
@@ -208,8 +220,11 @@ std::string to_table(const CompareResult& result) {
     add_side(fmt::format("{}", sum), "", "");
   }
   if (any) table.add(std::move(line));
-  std::string text = fmt::format("Reference: {}, layer {}, {}x{} pixels\n", result.reference, result.options.layer,
-                                 result.width, result.height);
+  const std::string& second = result.options.reference2;
+  std::string text = fmt::format("{}, layer {}, {}x{} pixels\n",
+                                 second.empty() ? "Reference: " + result.reference
+                                                : fmt::format("References: {} and {}", result.reference, second),
+                                 result.options.layer, result.width, result.height);
   text += table.text();
   bool over_runs = false, over_frames = false;
   for (const CompareSide& s : result.sides) {

@@ -18,7 +18,11 @@ double encoded_mse(const Image& test, const Image& reference);
 /// Of pictures that display_luminance made.
 double encoded_ssim(const Image& test, const Image& reference);
 
-/// Infinity for 0.
-inline double decibels_below_peak(double mean_square) { return -10 * std::log10(mean_square); }
+/// Infinity for 0, and for less, which a mean square without the noise of references can be.
+inline double decibels_below_peak(double mean_square) { return -10 * std::log10(mean_square < 0 ? 0 : mean_square); }
+
+/// The mean of two pictures, of their first three channels where one of them has more than the other. Errors:
+/// Error{kBadInput} if sizes differ.
+Image mean_of(const Image& a, const Image& b);
 
 }  // namespace tempera

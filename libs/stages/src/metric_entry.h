@@ -16,7 +16,9 @@ struct TestFrame {
 
 /// All tests of one frame, measured together so that what they share is computed once.
 struct FrameBatch {
-  const Image& reference;
+  const Image& reference;  ///< the mean of both, if there are two
+  /// Both of them, null if there is one: what displays them takes the mean of what is displayed.
+  const Image *first = nullptr, *second = nullptr;
   const Image* reference_before = nullptr;
   const Image* motion = nullptr;    ///< motion.backward of the reference
   const Image* previous = nullptr;  ///< previous_positions of it
@@ -30,12 +32,18 @@ struct Measurement {
   Image* map = nullptr;  ///< stays empty where the metric has no value
 };
 
+/// What mean squares become when they have been averaged.
+enum class MetricScale {
+  kPlain,          ///< nothing else
+  kDecibels,       ///< decibels below a peak of 1
+  kDisplayLevels,  ///< their root, in units of 1/255
+};
+
 struct MetricEntry {
   MetricInfo info;
   /// Fills a measurement for each test. Null for metrics of whole sequences and of groups of runs.
   void (*measure)(const FrameBatch& batch, std::span<Measurement> out) = nullptr;
-  /// Whether values are mean squares that become decibels when they have been averaged.
-  bool decibels = false;
+  MetricScale scale = MetricScale::kPlain;
 };
 
 std::span<const MetricEntry> metric_entries();

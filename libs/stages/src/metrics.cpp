@@ -154,6 +154,24 @@ double encoded_ssim(const Image& test, const Image& reference) {
   return sum / (double(inner) * double(rows.size()));
 }
 
+Image mean_of(const Image& a, const Image& b) {
+  check_sizes(a, b);
+  Image out(a.width(), a.height(), a.channels() == b.channels() ? a.channels() : 3);
+  parallel_for(
+      0, a.height(),
+      [&](std::int64_t y) {
+        float* const to = out.row(int(y));
+        if (a.channels() != b.channels()) {
+          for (int x = 0; x < a.width(); ++x) out.set_rgb(x, int(y), a.rgb(x, int(y)) * 0.5f + b.rgb(x, int(y)) * 0.5f);
+          return;
+        }
+        const float *from_a = a.row(int(y)), *from_b = b.row(int(y));
+        for (int i = 0; i < a.width() * a.channels(); ++i) to[i] = 0.5f * from_a[i] + 0.5f * from_b[i];
+      },
+      kRowGrain);
+  return out;
+}
+
 std::int64_t count_non_finite(const Image& image) {
   std::vector<std::int64_t> rows(std::size_t(image.height()));
   parallel_for(

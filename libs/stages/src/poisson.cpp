@@ -361,7 +361,7 @@ double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double sca
   sums.for_each(h, [&](std::int64_t band, int y0, int y1) {
     double total = 0;
     // Weights of `n` rows of `set` from pixel i0 on; residual(c, i) is A x - b without a weight.
-    const auto put = [&](RowSet set, int t, int y, int i0, int n, const auto& residual) {
+    const auto for_each_residual = [&](RowSet set, int t, int y, int i0, int n, const auto& residual) {
       BFloat16* out = squared_.row((std::int64_t(t) * h + y) * kRowSets + int(set)) + i0;
       const PoissonFrame& f = *window_[std::size_t(t)];
       const StoredPrecision precision{f.has_precision() ? f.precision(set, y) + i0 : nullptr};
@@ -398,9 +398,9 @@ double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double sca
           mid[k] = x.row(t, y, c), down[k] = x.row(t, y + 1 < h ? y + 1 : y, c);
           bp[k] = f.data(RowSet::kPrimal, y, c), bx[k] = f.data(RowSet::kDx, y, c), by[k] = f.data(RowSet::kDy, y, c);
         }
-        put(RowSet::kPrimal, t, y, 0, w, [=](int c, int i) { return mid[c][i] - bp[c][i]; });
-        put(RowSet::kDx, t, y, 0, w - 1, [=](int c, int i) { return (mid[c][i + 1] - mid[c][i]) - bx[c][i]; });
-        if (y + 1 < h) put(RowSet::kDy, t, y, 0, w, [=](int c, int i) { return (down[c][i] - mid[c][i]) - by[c][i]; });
+        for_each_residual(RowSet::kPrimal, t, y, 0, w, [=](int c, int i) { return mid[c][i] - bp[c][i]; });
+        for_each_residual(RowSet::kDx, t, y, 0, w - 1, [=](int c, int i) { return (mid[c][i + 1] - mid[c][i]) - bx[c][i]; });
+        if (y + 1 < h) for_each_residual(RowSet::kDy, t, y, 0, w, [=](int c, int i) { return (down[c][i] - mid[c][i]) - by[c][i]; });
         const MotionRuns* next = motion_from(t);
         if (!next) continue;
         for (const MotionRun& r : next->from_row(y)) {
@@ -414,11 +414,11 @@ double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double sca
             bt[k] = f.data(RowSet::kDt, y, c) + r.x;
             bxt[k] = f.data(RowSet::kDxDt, y, c) + r.x, byt[k] = f.data(RowSet::kDyDt, y, c) + r.x;
           }
-          put(RowSet::kDt, t, y, r.x, r.length, [=](int c, int i) { return (q[c][i] - p[c][i]) - bt[c][i]; });
-          put(RowSet::kDxDt, t, y, r.x, r.mixed_x,
+          for_each_residual(RowSet::kDt, t, y, r.x, r.length, [=](int c, int i) { return (q[c][i] - p[c][i]) - bt[c][i]; });
+          for_each_residual(RowSet::kDxDt, t, y, r.x, r.mixed_x,
               [=](int c, int i) { return ((q[c][i + 1] - p[c][i + 1]) - (q[c][i] - p[c][i])) - bxt[c][i]; });
           if (!r.mixed_y) continue;
-          put(RowSet::kDyDt, t, y, r.x, r.length,
+          for_each_residual(RowSet::kDyDt, t, y, r.x, r.length,
               [=](int c, int i) { return ((q_below[c][i] - p_below[c][i]) - (q[c][i] - p[c][i])) - byt[c][i]; });
         }
       }

@@ -14,6 +14,7 @@
 #include <optional>
 #include <set>
 
+#include "rare_filter.h"
 #include "row_weights.h"
 #include "tempera/core/log.h"
 #include "tempera/core/parallel.h"
@@ -26,6 +27,7 @@ namespace tempera {
 namespace {
 
 const std::string kSettingsKey = "tempera/reconstruct", kCommandKey = "tempera/reconstruct_command";
+const std::string kRareShareKey = "tempera/rare_light", kHeldShareKey = "tempera/held_back";
 const std::string kCameraKey = "tempera/camera", kCropLeftKey = "tempera/crop_left", kCropTopKey = "tempera/crop_top";
 
 const std::vector<ParamSpec> kParams = {
@@ -47,6 +49,20 @@ const std::vector<ParamSpec> kParams = {
      -1e300,
      1e300,
      {"auto", "uniform", "variance"}},
+    {"rare",
+     std::string("auto"),
+     "light of rare bright paths: apart: kept out of the differences, held back where it outshines its surroundings by "
+     "far, smoothed and added again; together: as all other light; auto: apart with l1 if the frames have the layers "
+     "for it, together with l2, which it would bias",
+     -1e300,
+     1e300,
+     {"auto", "apart", "together"}},
+    {"parts",
+     std::string("yes"),
+     "whether the two parts of frames with rare light apart are written for a denoiser: color.common, color.rare",
+     -1e300,
+     1e300,
+     {"yes", "no"}},
     {"schedule",
      std::string("fast"),
      "how l1 reweights: fast (6 rounds of 15 steps) or published (20 of 50)",
@@ -74,7 +90,8 @@ std::string layer_file(const std::string& path, const std::string& layer) {
 /// Parameters in the form in which the driver needs them.
 struct Settings {
   /// `temporal`: whether the frames have an offset pass; without it there is nothing that windows could share.
-  Settings(const Params& p, bool temporal) {
+  /// `rare`: whether they have the layers of rare light.
+  Settings(const Params& p, bool temporal, bool rare) {
     poisson = p.get_string("schedule") == "published" ? PoissonSettings::published() : PoissonSettings{};
     poisson.norm = p.get_string("norm") == "l1" ? PoissonNorm::kL1 : PoissonNorm::kL2;
     if (p.get_string("device") == "cuda") poisson.device = PoissonDevice::kCuda;
@@ -93,6 +110,14 @@ struct Settings {
           "auto and uniform take any");
     }
     weighted = temporal && (rule == "variance" || (rule == "auto" && poisson.norm == PoissonNorm::kL1));
+    const std::string& rare_rule = p.get_string("rare");
+    if (rare_rule == "apart" && !rare) {
+      throw Error(ErrorCode::kBadInput,
+                  "rare = \"apart\" needs frames with the layers of rare light (rare.color and others), which gradient-"
+                  "domain integrators write unless told not to (rare = false); auto and together take any");
+    }
+    apart = rare && (rare_rule == "apart" || (rare_rule == "auto" && poisson.norm == PoissonNorm::kL1));
+    parts = apart && p.get_string("parts") == "yes";
     window = p.get_int("window");
     overlap = p.get_int("overlap");
     if (overlap < 0) overlap = window / 2;
@@ -106,6 +131,8 @@ struct Settings {
   PoissonSettings poisson;
   MotionRunOptions runs;
   bool weighted = false;  ///< whether differences are weighted by their variance
+  bool apart = false;     ///< whether rare light is solved for apart
+  bool parts = false;     ///< whether both parts are written
   int window = 10, overlap = 5;
 };
 
@@ -129,6 +156,12 @@ struct Input {
   std::string path;
   int frame = 0;
   Pass base, offset;  ///< offset: empty images without an offset pass
+  /// Rare light among theirs, and what of it is held back; empty unless it is solved for apart.
+  Pass base_rare, offset_rare;
+  Image base_held, offset_held;
+  std::array<Image, 2> rare_halves;  ///< without an offset pass: what is not held back, of both halves
+  Image albedo, normal, object;      ///< empty if the file has none
+  float samples = 0;                 ///< of a pixel, all passes, on average; 0: unknown
   Image source;
   std::vector<std::uint8_t> sampled;  ///< pixels of the offset pass that have samples; empty without that pass
   bool is_sampled(int x, int y) const {
@@ -143,12 +176,19 @@ bool has_layer(std::span<const LayerDesc> layers, const LayerDesc& layer) {
   return std::any_of(layers.begin(), layers.end(), [&](const LayerDesc& d) { return d.name == layer.name; });
 }
 bool has_offset_pass(std::span<const LayerDesc> layers) { return has_layer(layers, layers::offset(layers::color())); }
+bool has_rare_light(std::span<const LayerDesc> layers) { return has_layer(layers, layers::rare_color()); }
 
 template <class T>
 std::optional<T> metadata_value(const Metadata& m, const std::string& key) {
   const auto it = m.find(key);
   const T* v = it == m.end() ? nullptr : std::get_if<T>(&it->second);
   return v ? std::optional<T>(*v) : std::nullopt;
+}
+
+float mean_of(const Image& image) {
+  double sum = 0;
+  for (const float v : image.values()) sum += double(v);
+  return float(sum / double(image.values().size()));
 }
 
 /// Refuses values that are not finite among those that the reconstruction uses: one would spoil a whole window.
@@ -182,13 +222,17 @@ class Reader {
     width_ = header.width, height_ = header.height;
     first_path_ = sequence.path(first);
     temporal_ = has_offset_pass(header.layers);
+    rare_ = has_rare_light(header.layers);
   }
   int width() const { return width_; }
   int height() const { return height_; }
   /// Whether the files have an offset pass.
   bool temporal() const { return temporal_; }
+  /// Whether they have the layers of rare light.
+  bool rare() const { return rare_; }
 
-  Input read(int frame) const {
+  /// `rare`: with the layers of rare light.
+  Input read(int frame, bool rare) const {
     Input in;
     in.frame = frame;
     in.path = sequence_.path(frame);
@@ -203,9 +247,16 @@ class Reader {
     };
     const std::string samples = layers::offset(layers::samples()).name;
     std::vector<LayerDesc> wanted{layers::color(), layers::grad_x(), layers::grad_y()};
+    if (rare) {
+      for (const LayerDesc& d :
+           {layers::rare_color(), layers::rare_grad_x(), layers::rare_grad_y(), layers::held_color()})
+        wanted.push_back(d);
+    }
     if (temporal_) {
       for (const std::vector<LayerDesc> base = wanted; const LayerDesc& d : base) wanted.push_back(layers::offset(d));
       wanted.push_back(layers::offset(layers::source()));
+    } else if (rare) {
+      wanted.push_back(layers::rare_a()), wanted.push_back(layers::rare_b());
     }
     ReadOptions options;
     for (const LayerDesc& d : wanted) {
@@ -217,6 +268,11 @@ class Reader {
       options.layers.push_back(d.name);
     }
     if (temporal_ && has(samples)) options.layers.push_back(samples);
+    if (rare) {
+      for (const LayerDesc& d : {layers::samples(), layers::albedo(), layers::normal(), layers::object_id()}) {
+        if (has(d.name)) options.layers.push_back(d.name);
+      }
+    }
     Frame file = read_frame(in.path, options);
     const auto take = [&](const std::string& name, int channels) {
       Image& image = file.layer(name);
@@ -237,6 +293,22 @@ class Reader {
                top = metadata_value<int>(file.metadata, kCropTopKey);
     in.cropped = left || top;
     in.crop_left = left.value_or(0), in.crop_top = top.value_or(0);
+    if (rare) {
+      take_rare(in, "", in.base_rare, in.base_held, take_pass, take);
+      const auto take_if = [&](const LayerDesc& d, int channels) {
+        return file.find(d.name) ? take(d.name, channels) : Image();
+      };
+      in.albedo = take_if(layers::albedo(), 3), in.normal = take_if(layers::normal(), 3);
+      in.object = take_if(layers::object_id(), 1);
+      for (const char* name : {"samples", "offset.samples"}) {
+        if (const Layer* counts = file.find(name)) in.samples += mean_of(counts->image);
+      }
+      if (!temporal_) {
+        in.rare_halves = {take(layers::rare_a().name, 3), take(layers::rare_b().name, 3)};
+        check_finite(in.path, "rare.a", in.rare_halves[0], width_, height_, all);
+        check_finite(in.path, "rare.b", in.rare_halves[1], width_, height_, all);
+      }
+    }
     if (!temporal_) return in;
 
     in.offset = take_pass("offset.");
@@ -254,16 +326,29 @@ class Reader {
                  [&](int x, int y) { return here(x, y) && here(x + 1, y); });
     check_finite(in.path, "offset.grad.y", in.offset.grad_y, width_, height_ - 1,
                  [&](int x, int y) { return here(x, y) && here(x, y + 1); });
+    if (rare) take_rare(in, "offset.", in.offset_rare, in.offset_held, take_pass, take);
     return in;
   }
 
   std::size_t index(int x, int y) const { return std::size_t(y) * std::size_t(width_) + std::size_t(x); }
 
  private:
+  template <class TakePass, class Take>
+  void take_rare(const Input& in, const std::string& prefix, Pass& rare, Image& held, TakePass&& take_pass,
+                 Take&& take) const {
+    rare = take_pass(prefix + "rare.");
+    held = take(prefix + "held.color", 3);
+    const auto check = [&](const std::string& name, const Image& image, int dx, int dy) {
+      check_finite(in.path, prefix + name, image, width_ - dx, height_ - dy, [](int, int) { return true; });
+    };
+    check("rare.color", rare.color, 0, 0), check("held.color", held, 0, 0);
+    check("rare.grad.x", rare.grad_x, 1, 0), check("rare.grad.y", rare.grad_y, 0, 1);
+  }
+
   const FrameSequence& sequence_;
   std::string first_path_;
   int width_ = 0, height_ = 0;
-  bool temporal_ = false;
+  bool temporal_ = false, rare_ = false;
 };
 
 /// phi from the frame before to `in`, whose offset pass tells the inverse. [Manzi 2016, Sec. 4.2]
@@ -299,15 +384,15 @@ void combine_passes(const Input& in, PoissonFrame& out) {
       0, h,
       [&](std::int64_t row) {
         const int y = int(row);
-        const auto put = [&](RowSet set, int x, const Image& base, const Image& offset, bool both) {
+        const auto set_row = [&](RowSet set, int x, const Image& base, const Image& offset, bool both) {
           const Rgb b = base.rgb(x, y), v = both ? (b + offset.rgb(x, y)) * 0.5f : b;
           for (int c = 0; c < 3; ++c) out.data(set, y, c)[x] = v[c];
         };
         for (int x = 0; x < w; ++x) {
           const bool here = in.is_sampled(x, y);
-          put(RowSet::kPrimal, x, in.base.color, in.offset.color, here);
-          if (x + 1 < w) put(RowSet::kDx, x, in.base.grad_x, in.offset.grad_x, here && in.is_sampled(x + 1, y));
-          if (y + 1 < h) put(RowSet::kDy, x, in.base.grad_y, in.offset.grad_y, here && in.is_sampled(x, y + 1));
+          set_row(RowSet::kPrimal, x, in.base.color, in.offset.color, here);
+          if (x + 1 < w) set_row(RowSet::kDx, x, in.base.grad_x, in.offset.grad_x, here && in.is_sampled(x + 1, y));
+          if (y + 1 < h) set_row(RowSet::kDy, x, in.base.grad_y, in.offset.grad_y, here && in.is_sampled(x, y + 1));
         }
       },
       8);
@@ -321,14 +406,14 @@ DataVariance variance_between_passes(const Input& in, int w, int h) {
       0, h,
       [&](std::int64_t row) {
         const int y = int(row);
-        const auto put = [&](Image& image, int x, const Image& base, const Image& offset, bool both) {
+        const auto set_row = [&](Image& image, int x, const Image& base, const Image& offset, bool both) {
           const Rgb d = (base.rgb(x, y) - offset.rgb(x, y)) * 0.5f;
           image.at(x, y) = both ? (d.r * d.r + d.g * d.g + d.b * d.b) / 3 : -1;
         };
         for (int x = 0; x < w; ++x) {
           const bool here = in.is_sampled(x, y);
-          put(out.dx, x, in.base.grad_x, in.offset.grad_x, here && x + 1 < w && in.is_sampled(x + 1, y));
-          put(out.dy, x, in.base.grad_y, in.offset.grad_y, here && y + 1 < h && in.is_sampled(x, y + 1));
+          set_row(out.dx, x, in.base.grad_x, in.offset.grad_x, here && x + 1 < w && in.is_sampled(x + 1, y));
+          set_row(out.dy, x, in.base.grad_y, in.offset.grad_y, here && y + 1 < h && in.is_sampled(x, y + 1));
         }
       },
       8);
@@ -343,18 +428,83 @@ void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
       [&](std::int64_t row) {
         const int y = int(row);
         for (const MotionRun& r : out.motion.from_row(y)) {
-          const auto put = [&](RowSet set, int x, const Image& from, const Image& to) {
+          const auto set_row = [&](RowSet set, int x, const Image& from, const Image& to) {
             const Rgb d = to.rgb(x + r.dx, y + r.dy) - from.rgb(x, y);
             for (int c = 0; c < 3; ++c) out.data(set, y, c)[x] = d[c];
           };
           for (int i = 0; i < r.length; ++i) {
-            put(RowSet::kDt, r.x + i, base.color, next.offset.color);
-            if (i < r.mixed_x) put(RowSet::kDxDt, r.x + i, base.grad_x, next.offset.grad_x);
-            if (r.mixed_y) put(RowSet::kDyDt, r.x + i, base.grad_y, next.offset.grad_y);
+            set_row(RowSet::kDt, r.x + i, base.color, next.offset.color);
+            if (i < r.mixed_x) set_row(RowSet::kDxDt, r.x + i, base.grad_x, next.offset.grad_x);
+            if (r.mixed_y) set_row(RowSet::kDyDt, r.x + i, base.grad_y, next.offset.grad_y);
           }
         }
       },
       8);
+}
+
+/// Luminance of a picture, all its rare light, and what is held back of it: sums over pixels.
+struct LightShares {
+  double all = 0, rare = 0, held = 0;
+  LightShares& operator+=(const LightShares& o) {
+    all += o.all, rare += o.rare, held += o.held;
+    return *this;
+  }
+  double rare_share() const { return all > 0 ? rare / all : 0; }
+  double held_share() const { return all > 0 ? held / all : 0; }
+};
+
+/// Takes the rare light out of the passes of a frame. Adds to `shares` what it finds.
+RareFrame take_rare_light(Input& in, LightShares& shares) {
+  const int w = in.base.color.width(), h = in.base.color.height();
+  const bool temporal = !in.sampled.empty();
+  RareFrame out;
+  out.light = {Image(w, h, 3), Image(w, h, 3)};
+  if (in.samples > 0) out.samples = in.samples;
+  const auto subtract = [](Image& from, const Image& what, int x, int y) {
+    from.set_rgb(x, y, from.rgb(x, y) - what.rgb(x, y));
+  };
+  std::vector<LightShares> rows(std::size_t(h), LightShares{});
+  std::vector<std::uint8_t> lit(std::size_t(h), 0);
+  if (temporal) out.previous.assign(std::size_t(w) * std::size_t(h), -1);
+  parallel_for(
+      0, h,
+      [&](std::int64_t row) {
+        const int y = int(row);
+        for (int x = 0; x < w; ++x) {
+          const Rgb base = in.base_rare.color.rgb(x, y) - in.base_held.rgb(x, y);
+          Rgb all = in.base.color.rgb(x, y), rare = in.base_rare.color.rgb(x, y), held = in.base_held.rgb(x, y);
+          std::array<Rgb, 2> light{base, base};
+          if (!temporal) {
+            light = {in.rare_halves[0].rgb(x, y), in.rare_halves[1].rgb(x, y)};
+          } else if (in.is_sampled(x, y)) {
+            light[1] = in.offset_rare.color.rgb(x, y) - in.offset_held.rgb(x, y);
+            all = (all + in.offset.color.rgb(x, y)) * 0.5f, held = (held + in.offset_held.rgb(x, y)) * 0.5f;
+            rare = (rare + in.offset_rare.color.rgb(x, y)) * 0.5f;
+          }
+          for (std::size_t k = 0; k < 2; ++k) {
+            for (int c = 0; c < 3; ++c) light[k][c] = std::max(0.0f, light[k][c]);
+            out.light[k].set_rgb(x, y, light[k]);
+            lit[std::size_t(y)] |= !is_black(light[k]);
+          }
+          rows[std::size_t(y)] += {double(luminance(all)), double(luminance(rare)), double(luminance(held))};
+          subtract(in.base.color, in.base_rare.color, x, y);
+          subtract(in.base.grad_x, in.base_rare.grad_x, x, y);
+          subtract(in.base.grad_y, in.base_rare.grad_y, x, y);
+          if (!temporal) continue;
+          subtract(in.offset.color, in.offset_rare.color, x, y);
+          subtract(in.offset.grad_x, in.offset_rare.grad_x, x, y);
+          subtract(in.offset.grad_y, in.offset_rare.grad_y, x, y);
+          const float* s = in.source.pixel(x, y);
+          const int sx = int(s[0]) - in.crop_left, sy = int(s[1]) - in.crop_top;
+          if (s[2] > 0 && sx >= 0 && sy >= 0 && sx < w && sy < h)
+            out.previous[std::size_t(y) * std::size_t(w) + std::size_t(x)] = sy * w + sx;
+        }
+      },
+      8);
+  for (const LightShares& row : rows) shares += row;
+  out.dark = std::find(lit.begin(), lit.end(), 1) == lit.end();
+  out.albedo = std::move(in.albedo), out.normal = std::move(in.normal), out.object = std::move(in.object);
+  return out;
 }
 
 /// The frames of a window and a few around it, in order without gaps.
@@ -372,6 +522,8 @@ class FrameBuffer {
     }
   }
   const PoissonFrame& frame(int f) const { return *slot(f).data; }
+  const RareFrame& rare(int f) const { return slot(f).rare; }
+  const LightShares& shares(int f) const { return slot(f).shares; }
   /// Whether frame f continues f - 1: some of its pixels replay pixels of that, and the camera is the same. True for
   /// the first frame that was read, which nothing is known about.
   bool continues(int f) const { return slot(f).continues; }
@@ -381,14 +533,17 @@ class FrameBuffer {
     int frame = 0;
     std::unique_ptr<PoissonFrame> data;
     bool continues = true;
+    RareFrame rare;  ///< empty unless it is solved for apart
+    LightShares shares;
     double variance = 0;  ///< the reference of set_spatial_precision
   };
   const Slot& slot(int f) const { return slots_[std::size_t(f - slots_.front().frame)]; }
 
   void read(int f) {
-    auto in = std::make_unique<Input>(reader_.read(f));
+    auto in = std::make_unique<Input>(reader_.read(f, settings_.apart));
     const int w = reader_.width(), h = reader_.height();
-    Slot slot{f, std::make_unique<PoissonFrame>(w, h), true};
+    Slot slot{f, std::make_unique<PoissonFrame>(w, h)};
+    if (settings_.apart) slot.rare = take_rare_light(*in, slot.shares);
     combine_passes(*in, *slot.data);
     const PoissonNorm norm = settings_.poisson.norm;
     if (settings_.weighted) slot.variance = set_spatial_precision(*slot.data, variance_between_passes(*in, w, h), norm);
@@ -404,7 +559,9 @@ class FrameBuffer {
         }
       }
     }
-    in->offset = {}, in->source = {}, in->sampled = {};  // only the base pass meets the next frame
+    // Only the base pass meets the next frame.
+    in->offset = {}, in->source = {}, in->sampled = {};
+    in->base_rare = in->offset_rare = {}, in->base_held = in->offset_held = {}, in->rare_halves = {};
     last_read_ = std::move(in);
     slots_.push_back(std::move(slot));
   }
@@ -415,25 +572,74 @@ class FrameBuffer {
   std::unique_ptr<Input> last_read_;
 };
 
-void write_output(const std::string& from, const std::string& to, const PlanarFrames& x, const Metadata& more,
-                  const WriteOptions& options) {
+/// A frame of the result, blended from the windows that hold it.
+struct Blend {
+  PlanarFrames solution;  ///< of the Poisson rows
+  Image rare;             ///< smoothed rare light; empty if there is none
+  Image unfiltered;       ///< the same before it was smoothed; empty unless parts are written
+  LightShares shares;
+  double weight = 0;
+
+  void add(const PlanarFrames& x, int t, const Image& light, double window) {
+    weight += window;
+    const float share = float(window / weight);  // 1 for the first window
+    if (solution.frames() == 0) solution = PlanarFrames(x.width(), x.height(), 1);
+    for (int y = 0; y < x.height(); ++y) {
+      for (int c = 0; c < 3; ++c) {
+        const float* from = x.row(t, y, c);
+        float* to = solution.row(0, y, c);
+        for (int i = 0; i < x.width(); ++i) to[i] += share * (from[i] - to[i]);
+      }
+    }
+    if (light.empty()) return;
+    if (rare.empty()) rare = Image(x.width(), x.height(), 3);
+    const std::span<const float> from = light.values();
+    const std::span<float> to = rare.values();
+    for (std::size_t i = 0; i < to.size(); ++i) to[i] += share * (from[i] - to[i]);
+  }
+};
+
+void write_output(const std::string& from, const std::string& to, const Blend& blend, const Settings& settings,
+                  const Metadata& more, const WriteOptions& options) {
   ReadOptions read;
   for (const LayerDesc& d : read_header(from).layers) {
     if (survives_reconstruction(d.name)) read.layers.push_back(d.name);
   }
   Frame frame = read_frame(from, read);
+  if (settings.parts) frame.create(layers::color_common()), frame.create(layers::color_rare());
   Image& color = frame.layer(layers::color().name);
+  Image* common = settings.parts ? &frame.layer(layers::color_common().name) : nullptr;
+  const PlanarFrames& x = blend.solution;
   parallel_for(
       0, x.height(),
-      [&](std::int64_t y) {
+      [&](std::int64_t row) {
+        const int y = int(row);
         for (int i = 0; i < x.width(); ++i) {
-          for (int c = 0; c < 3; ++c) color.pixel(i, int(y))[c] = x.row(0, int(y), c)[i];
+          Rgb value(x.row(0, y, 0)[i], x.row(0, y, 1)[i], x.row(0, y, 2)[i]);
+          if (settings.apart) {  // there is no negative light
+            const auto positive = [](const Rgb& v) {
+              return Rgb(std::max(v.r, 0.0f), std::max(v.g, 0.0f), std::max(v.b, 0.0f));
+            };
+            if (common) common->set_rgb(i, y, positive(value));
+            if (!blend.rare.empty()) value += blend.rare.rgb(i, y);
+            value = positive(value);
+          }
+          for (int c = 0; c < 3; ++c) color.pixel(i, y)[c] = value[c];
         }
       },
       16);
+  if (settings.parts) frame.layer(layers::color_rare().name) = blend.unfiltered;
   frame.metadata.erase(kFingerprintKey);  // the file is no longer what a render would write
   for (const auto& [key, value] : more) frame.metadata[key] = value;
   write_frame(to, frame, options);
+}
+
+/// The mean of both estimates.
+Image mean_light(const RareFrame& f) {
+  Image out = f.light[0];
+  const std::span<const float> other = f.light[1].values();
+  for (std::size_t i = 0; i < other.size(); ++i) out.values()[i] = 0.5f * (out.values()[i] + other[i]);
+  return out;
 }
 
 std::string hash_of(const std::string& text) {
@@ -482,7 +688,7 @@ struct WindowGrid {
 
 std::span<const ParamSpec> reconstruct_params() { return kParams; }
 
-void check_reconstruct_params(const Params& params) { const Settings settings(params, true); }
+void check_reconstruct_params(const Params& params) { const Settings settings(params, true, true); }
 
 std::vector<FrameRange> reconstruction_windows(const FrameRange& segment, int length, int overlap) {
   TEMPERA_ASSERT(overlap >= 0 && overlap < length && segment.first <= segment.last);
@@ -501,7 +707,7 @@ bool has_differences(std::span<const LayerDesc> layers) {
 
 std::vector<int> reconstruction_inputs(std::span<const int> frames, const FrameRange& sequence, const Params& params,
                                        std::span<const LayerDesc> layers) {
-  const Settings settings(params, has_offset_pass(layers));
+  const Settings settings(params, has_offset_pass(layers), has_rare_light(layers));
   const WindowGrid grid{settings.window, settings.window - settings.overlap};
   std::set<int> inputs;
   for (const int f : frames) {
@@ -513,8 +719,10 @@ std::vector<int> reconstruction_inputs(std::span<const int> frames, const FrameR
 }
 
 bool survives_reconstruction(const std::string& layer) {
-  return !layer.starts_with("offset.") && !layer.starts_with("grad.") && layer != layers::color_a().name &&
-         layer != layers::color_b().name && layer != layers::color_variance().name;
+  for (const char* prefix : {"offset.", "grad.", "rare.", "held.", "class."}) {
+    if (layer.starts_with(prefix)) return false;
+  }
+  return layer != layers::color_a().name && layer != layers::color_b().name && layer != layers::color_variance().name;
 }
 
 double window_weight(int frame, int begin, int length) {
@@ -535,8 +743,11 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
                   fmt::format("{} has no frame {}; it has {} to {}", input.pattern(), f, have.front(), have.back()));
     }
   }
-  const bool single = have.size() == 1 && !has_frame_pattern(output) && input.path(have[0]) == input.pattern();
-  const auto out_path = [&](int f) { return single ? output : frame_path(output, f); };
+  if (wanted.size() > 1 && !has_frame_pattern(output)) {
+    throw Error(ErrorCode::kUsage,
+                fmt::format("{} cannot hold {} frames; write {}", output, wanted.size(), numbered_pattern(output)));
+  }
+  const auto out_path = [&](int f) { return frame_path(output, f); };
   for (const int f : wanted) {
     std::error_code ignored;
     if (std::filesystem::equivalent(input.path(f), out_path(f), ignored)) {
@@ -546,7 +757,7 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
   }
 
   const Reader reader(input, wanted.front());
-  const Settings settings(options.params, reader.temporal());
+  const Settings settings(options.params, reader.temporal(), reader.rare());
   const WindowGrid grid{settings.window, settings.window - settings.overlap};
   const FrameRange sequence = options.sequence.value_or(FrameRange{have.front(), have.back()});
   if (settings.window > 1) {
@@ -570,7 +781,7 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
   const auto fingerprint = [&](int f) {
     const WriteOptions& w = options.write;
     std::string text = fmt::format("{}\n{}\nhalf={} names={} lossy={}\n", TEMPERA_VERSION, options.params.canonical(),
-                                   w.half, int(w.names), w.compression == Compression::kDwaa);
+                                   w.half, names_text(w), w.compression == Compression::kDwaa);
     const FrameRange range = grid.around(f, sequence);
     for (int g = range.first; g <= range.last; ++g) {
       auto [it, fresh] = identities.try_emplace(g);
@@ -589,15 +800,15 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
   std::map<int, std::string> targets;  // frame -> fingerprint
   for (const int f : wanted) {
     check_stop();
-    const std::string print = fingerprint(f);
-    if (options.resume && is_finished(out_path(f), print)) {
+    const std::string frame_fingerprint = fingerprint(f);
+    if (options.resume && is_finished(out_path(f), frame_fingerprint)) {
       report.skipped.push_back(f);
     } else {
-      targets[f] = print;
+      targets[f] = frame_fingerprint;
     }
   }
   std::vector<int> windows;
-  for (const auto& [f, print] : targets) {
+  for (const auto& [f, frame_fingerprint] : targets) {
     for (int k = grid.first_with(f); k <= grid.last_with(f); ++k) {
       if (windows.empty() || windows.back() < k) windows.push_back(k);
     }
@@ -605,19 +816,29 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
   {
     std::vector<int> frames;
     frames.reserve(targets.size());
-    for (const auto& [f, print] : targets) frames.push_back(f);
+    for (const auto& [f, frame_fingerprint] : targets) frames.push_back(f);
     observer.begin(frames, report.skipped);
   }
   if (!targets.empty()) {
+    std::vector<LayerDesc> kept;
+    std::vector<std::string> classes;
+    for (const LayerDesc& d : read_header(input.path(targets.begin()->first)).layers) {
+      if (survives_reconstruction(d.name)) kept.push_back(d);
+      if (d.name.starts_with("class.")) classes.push_back(d.name);
+    }
+    check_encoding(kept, options.write);
+    if (!classes.empty()) {
+      log_info(
+          fmt::format("left out of the final frames, as they are not reconstructed and would not add up to color: "
+                      "{}; the frames of the integrator have them",
+                      fmt::join(classes, ", ")));
+    }
     const TemporaryFile probe(out_path(targets.begin()->first));  // what cannot be written is known before the work
   }
 
   FrameBuffer buffer(reader, settings);
-  struct Blend {
-    PlanarFrames mean;
-    double weight = 0;
-  };
   std::map<int, Blend> blends;
+  LightShares shares;
   for (std::size_t n = 0; n < windows.size(); ++n) {
     const int k = windows[n];
     const auto progress = [&](double share) {
@@ -656,35 +877,43 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
       }
       solve_poisson(frames, settings.poisson, x, {},
                     [&](double share) { progress(kReading + (1 - kReading) * share); });
+      std::vector<const RareFrame*> rare;
+      for (int f = piece.first; settings.apart && f <= piece.last; ++f) rare.push_back(&buffer.rare(f));
+      RareFilter filter(rare, x);
       for (auto it = target; it != targets.end() && it->first <= piece.last; ++it) {
-        Blend& blend = blends[it->first];
-        const double weight = window_weight(it->first, grid.begin(k), grid.length);
-        blend.weight += weight;
-        if (blend.mean.frames() == 0) blend.mean = PlanarFrames(x.width(), x.height(), 1);
-        const float share = float(weight / blend.weight);  // 1 for the first window
-        for (int y = 0; y < x.height(); ++y) {
-          for (int c = 0; c < 3; ++c) {
-            const float* from = x.row(it->first - piece.first, y, c);
-            float* to = blend.mean.row(0, y, c);
-            for (int i = 0; i < x.width(); ++i) to[i] += share * (from[i] - to[i]);
-          }
-        }
+        const int f = it->first, t = f - piece.first;
+        Blend& blend = blends[f];
+        blend.add(x, t, filter.dark() ? Image() : filter.smooth(t), window_weight(f, grid.begin(k), grid.length));
+        if (settings.apart) blend.shares = buffer.shares(f);
+        if (settings.parts && blend.unfiltered.empty()) blend.unfiltered = mean_light(buffer.rare(f));
       }
     }
     // Frames that no later window covers are final.
     const int open = n + 1 < windows.size() ? grid.begin(windows[n + 1]) : sequence.last + 1;
     while (!blends.empty() && blends.begin()->first < open) {
       const int f = blends.begin()->first;
+      const Blend& blend = blends.begin()->second;
       const std::string path = out_path(f);
       Metadata more{{kSettingsKey, options.params.canonical()}, {kReconstructFingerprintKey, targets.at(f)}};
       if (!options.command.empty()) more[kCommandKey] = options.command;
-      write_output(input.path(f), path, blends.begin()->second.mean, more, options.write);
+      if (settings.apart) {
+        more[kRareShareKey] = blend.shares.rare_share(), more[kHeldShareKey] = blend.shares.held_share();
+        shares += blend.shares;
+      }
+      write_output(input.path(f), path, blend, settings, more, options.write);
       report.frames.push_back(f);
       observer.frame_done(f, path);
       blends.erase(blends.begin());
     }
   }
   observer.progress(1);
+  report.rare_light = shares.rare_share(), report.held_back = shares.held_share();
+  if (settings.apart && !report.frames.empty()) {
+    log_info(
+        fmt::format("{:.2g} % of the light was kept apart as that of rare bright paths; of all light {:.2g} % was "
+                    "held back, because it outshines its surroundings by far",
+                    100 * report.rare_light, 100 * report.held_back));
+  }
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   observer.end(report.seconds);
   return report;

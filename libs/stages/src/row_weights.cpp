@@ -50,7 +50,7 @@ double median(std::vector<float> values) {
 constexpr double kLeastPrecision = 0.04;
 
 /// Precisions of variances: 1 at the reference, and where nothing is known.
-void put(PoissonFrame& frame, RowSet set, const std::vector<float>& variance, double reference, PoissonNorm norm) {
+void store_weights(PoissonFrame& frame, RowSet set, const std::vector<float>& variance, double reference, PoissonNorm norm) {
   const int w = frame.width();
   std::vector<float> row(std::size_t(w), 1.0f);
   for (int y = 0; y < frame.height(); ++y) {
@@ -77,9 +77,9 @@ double set_spatial_precision(PoissonFrame& frame, const DataVariance& variance, 
   both.insert(both.end(), dy.begin(), dy.end());
   std::erase_if(both, [](float v) { return v < 0; });
   const double reference = median(std::move(both));
-  put(frame, RowSet::kPrimal, std::vector<float>(dx.size(), -1.0f), reference, norm);
-  put(frame, RowSet::kDx, dx, reference, norm);
-  put(frame, RowSet::kDy, dy, reference, norm);
+  store_weights(frame, RowSet::kPrimal, std::vector<float>(dx.size(), -1.0f), reference, norm);
+  store_weights(frame, RowSet::kDx, dx, reference, norm);
+  store_weights(frame, RowSet::kDy, dy, reference, norm);
   return reference;
 }
 
@@ -118,9 +118,9 @@ void set_temporal_precision(PoissonFrame& frame, double reference, PoissonNorm n
     }
     reference = median(std::move(both));
   }
-  put(frame, RowSet::kDt, dt, reference, norm);
-  put(frame, RowSet::kDxDt, dxdt, reference, norm);
-  put(frame, RowSet::kDyDt, dydt, reference, norm);
+  store_weights(frame, RowSet::kDt, dt, reference, norm);
+  store_weights(frame, RowSet::kDxDt, dxdt, reference, norm);
+  store_weights(frame, RowSet::kDyDt, dydt, reference, norm);
 }
 
 }  // namespace tempera

@@ -114,6 +114,7 @@ struct Sequence {
   using Noise = std::function<Rgb(int x, int y, int frame, bool offset)>;
   Noise noise;               ///< of colors; differences follow from them,
   Noise noise_dx, noise_dy;  ///< unless they have noise of their own
+  Noise rare, held;          ///< light of rare paths, whose differences follow from it, and what of it is held back
   Vec2<int> velocity;        ///< pixels a frame
   std::set<int> cuts;        ///< frames that replay nothing
   bool fill = true;          ///< whether pixels that replay nothing have samples
@@ -143,13 +144,33 @@ class Reconstruct : public testing::Test {
         return s.truth(x + dx, y + dy, frame) - s.truth(x, y, frame) + own(x, y, frame, offset);
       };
       const auto layer = [&](const LayerDesc& d) -> Image& { return f.create(offset ? layers::offset(d) : d); };
+      const auto rare = [&](int x, int y) { return s.rare ? s.rare(x, y, frame, offset) : Rgb(0.0f); };
       Image &color = layer(layers::color()), &gx = layer(layers::grad_x()), &gy = layer(layers::grad_y());
       for (int y = 0; y < s.height; ++y) {
         for (int x = 0; x < s.width; ++x) {
-          color.set_rgb(x, y, value(x, y));
+          color.set_rgb(x, y, value(x, y) + rare(x, y));
           color.at(x, y, 3) = 0.5f;
-          gx.set_rgb(x, y, x + 1 < s.width ? difference(x, y, 1, 0) : Rgb(NAN));
-          gy.set_rgb(x, y, y + 1 < s.height ? difference(x, y, 0, 1) : Rgb(NAN));
+          gx.set_rgb(x, y, x + 1 < s.width ? difference(x, y, 1, 0) + rare(x + 1, y) - rare(x, y) : Rgb(NAN));
+          gy.set_rgb(x, y, y + 1 < s.height ? difference(x, y, 0, 1) + rare(x, y + 1) - rare(x, y) : Rgb(NAN));
+        }
+      }
+      if (!s.rare) return;
+      Image &r = layer(layers::rare_color()), &rx = layer(layers::rare_grad_x()), &ry = layer(layers::rare_grad_y()),
+            &held = layer(layers::held_color());
+      for (int y = 0; y < s.height; ++y) {
+        for (int x = 0; x < s.width; ++x) {
+          r.set_rgb(x, y, rare(x, y));
+          held.set_rgb(x, y, s.held ? s.held(x, y, frame, offset) : Rgb(0.0f));
+          if (x + 1 < s.width) rx.set_rgb(x, y, rare(x + 1, y) - rare(x, y));
+          if (y + 1 < s.height) ry.set_rgb(x, y, rare(x, y + 1) - rare(x, y));
+        }
+      }
+      if (s.temporal) return;
+      Image &a = layer(layers::rare_a()), &b = layer(layers::rare_b());
+      for (int y = 0; y < s.height; ++y) {
+        for (int x = 0; x < s.width; ++x) {
+          const Rgb half = r.rgb(x, y) - held.rgb(x, y);
+          a.set_rgb(x, y, half * 1.5f), b.set_rgb(x, y, half * 0.5f);
         }
       }
     };
@@ -533,6 +554,134 @@ TEST_F(Reconstruct, SingleFramesWithoutOffsetPass) {
   StageObserver nobody;
   reconstruct(FrameSequence(path("still.exr")), path("still_out.exr"), options, nobody);
   EXPECT_TRUE(fs::exists(path("still_out.exr"))) << "a single file keeps its plain name";
+}
+
+/// Dots, a tenth of the pixels of each pass, as bright as makes the mean `mean`.
+Sequence::Noise dots(float mean) {
+  return [=](int x, int y, int frame, bool offset) {
+    const std::uint64_t h = hash_key(std::uint64_t(x), std::uint64_t(y), std::uint64_t(frame), std::uint64_t(offset));
+    return to_unit_float(std::uint32_t(h)) < 0.1f ? Rgb(10 * mean) : Rgb(0.0f);
+  };
+}
+
+Sequence with_rare_light() {
+  Sequence s;
+  s.width = 48, s.height = 40;
+  s.velocity = {1, 0};
+  s.truth = moving_pattern(s.velocity);
+  s.noise = replayed_noise(s.velocity, 0.02);
+  s.rare = dots(0.5f);
+  return s;
+}
+
+TEST_F(Reconstruct, RareLightIsKeptApartAndSmoothed) {
+  const Sequence s = with_rare_light();
+  const auto in = write("in", s, 0, 6);
+  const ReconstructReport report = run(in, "apart");
+  run(in, "together", "rare=together");
+  const auto lit = [&](int x, int y) { return s.truth(x, y, 3) + Rgb(0.5f); };
+  const Frame apart = result("apart", 3), together = result("together", 3);
+  EXPECT_LT(rms(apart, lit), 0.5 * rms(together, lit));
+  double sum = 0, raw = 0;
+  float least = 1;
+  for (int y = 0; y < s.height; ++y) {
+    for (int x = 0; x < s.width; ++x) {
+      sum += double(apart.layer("color").rgb(x, y).g), least = std::min(least, apart.layer("color").rgb(x, y).g);
+      const Rgb rare = (s.rare(x, y, 3, false) + s.rare(x, y, 3, true)) * 0.5f;
+      raw += double(s.truth(x, y, 3).g + rare.g);
+      EXPECT_EQ(apart.layer("color.rare").rgb(x, y), rare) << "not smoothed";
+      EXPECT_NEAR(apart.layer("color.common").rgb(x, y).g, s.truth(x, y, 3).g, 0.1);
+    }
+  }
+  EXPECT_GE(least, 0);
+  EXPECT_NEAR(sum / raw, 1, 0.05) << "no light is lost";
+  EXPECT_GT(report.rare_light, 0.3);
+  EXPECT_EQ(report.held_back, 0);
+  EXPECT_FALSE(together.has("color.common"));
+  EXPECT_FALSE(together.has("rare.color"));
+  EXPECT_FALSE(apart.has("rare.color"));
+  run(in, "no_parts", "parts=no");
+  EXPECT_FALSE(result("no_parts", 3).has("color.common"));
+  EXPECT_EQ(result("no_parts", 3).layer("color"), apart.layer("color"));
+}
+
+TEST_F(Reconstruct, WhatIsHeldBackIsSaid) {
+  Sequence s = with_rare_light();
+  s.held = [&](int x, int y, int frame, bool offset) { return s.rare(x, y, frame, offset) * 0.25f; };
+  const ReconstructReport report = run(write("in", s, 0, 3), "out");
+  EXPECT_NEAR(report.held_back, 0.25 * report.rare_light, 1e-6);
+  for (int f = 0; f < 3; ++f) {
+    const Frame frame = result("out", f);
+    EXPECT_NEAR(std::get<double>(frame.metadata.at("tempera/held_back")),
+                0.25 * std::get<double>(frame.metadata.at("tempera/rare_light")), 1e-6);
+    const Rgb rare = (s.rare(5, 6, f, false) + s.rare(5, 6, f, true)) * 0.5f;
+    EXPECT_EQ(frame.layer("color.rare").rgb(5, 6), rare * 0.75f);
+  }
+}
+
+// L2 is for unbiased frames: all light together, the bits of files without these layers.
+TEST_F(Reconstruct, L2TakesAllLightTogether) {
+  const Sequence s = with_rare_light();
+  const auto in = write("in", s, 0, 6);
+  for (int f = 0; f < 6; ++f) {
+    Frame frame = read_frame(in.path(f));
+    for (const std::string& name : frame.layer_names()) {
+      if (name.find("rare.") != std::string::npos || name.find("held.") != std::string::npos) frame.remove(name);
+    }
+    write_frame(frame_path(path("plain.####.exr"), f), frame);
+  }
+  const FrameSequence plain(path("plain.####.exr"));
+  for (const std::string norm : {"l1", "l2"}) {
+    run(in, "in_" + norm, "rare=" + std::string(norm == "l1" ? "together" : "auto") + ",norm=" + norm);
+    run(plain, "plain_" + norm, "norm=" + norm);
+    for (int f = 0; f < 6; ++f)
+      EXPECT_EQ(result("in_" + norm, f).layer("color"), result("plain_" + norm, f).layer("color")) << norm << f;
+  }
+  EXPECT_EQ(
+      error_of(plain, ErrorCode::kBadInput, "rare=apart"),
+      "rare = \"apart\" needs frames with the layers of rare light (rare.color and others), which gradient-domain "
+      "integrators write unless told not to (rare = false); auto and together take any");
+}
+
+TEST_F(Reconstruct, ChunksAndThreadsGiveTheBitsOfTheWholeWithRareLight) {
+  Sequence s = with_rare_light();
+  s.cuts = {1009};
+  const auto in = write("in", s, 1001, 16);
+  run(in, "whole");
+  const auto same = [&](const std::string& name, int f) {
+    for (const char* layer : {"color", "color.common", "color.rare"})
+      EXPECT_EQ(result(name, f).layer(layer), result("whole", f).layer(layer)) << layer << f;
+  };
+  for (const std::vector<int>& frames : {std::vector<int>{1001, 1002}, {1008}, {1009}, {1004, 1014, 1016}}) {
+    run(in, "part", "", frames);
+    for (const int f : frames) same("part", f);
+  }
+  with_threads(1, [&] { run(in, "one", "", {1005, 1006}); });
+  with_threads(5, [&] { run(in, "five", "", {1005, 1006}); });
+  for (const int f : {1005, 1006}) same("one", f), same("five", f);
+}
+
+TEST_F(Reconstruct, RareLightOfSinglePasses) {
+  Sequence s = with_rare_light();
+  s.temporal = false;
+  const auto in = write("in", s, 0, 1);
+  run(in, "apart");
+  run(in, "together", "rare=together");
+  const auto lit = [&](int x, int y) { return s.truth(x, y, 0) + Rgb(0.5f); };
+  EXPECT_LT(rms(result("apart", 0), lit), 0.6 * rms(result("together", 0), lit));
+  const Rgb rare = s.rare(9, 9, 0, false);
+  EXPECT_EQ(result("apart", 0).layer("color.rare").rgb(9, 9), rare);
+}
+
+// Parts of the input's picture are not parts of the solution.
+TEST_F(Reconstruct, ClassesAreLeftOut) {
+  Sequence s;
+  Frame f = make(s, 0, 0);
+  f.create(layers::class_layer("direct", layers::color()));
+  f.create(layers::class_layer("residual", layers::color()));
+  write_frame(path("in.0000.exr"), f);
+  run(FrameSequence(path("in.####.exr")), "out");
+  for (const std::string& name : result("out", 0).layer_names()) EXPECT_FALSE(name.starts_with("class.")) << name;
 }
 
 TEST_F(Reconstruct, BadInputIsNamed) {

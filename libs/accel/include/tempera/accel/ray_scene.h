@@ -6,7 +6,7 @@
 // step): deforming vertices and skins are linear between knots, rigid motion is interpolated as translation, rotation
 // (slerp) and upper-triangular scale. Hits, normals, light samples and motion vectors all use that same resampled
 // motion, and two RaySceneS over different spans of one shot agree exactly, because the grid does not depend on the
-// span.
+// span. Nothing lies between the two poses of a jump (motion_grid.h).
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -24,7 +24,7 @@ namespace tempera {
 struct Ray {
   Vec3f o, d;
   float tmin = 0, tmax = kInfinity;
-  double time = 0;  ///< seconds; must lie in the RayScene's ray span
+  double time = 0;  ///< seconds; must lie in the RayScene's ray span (asserted)
 };
 
 /// A point glued to matter: re-evaluable at any time of the evaluation span.
@@ -77,7 +77,8 @@ class GeometryCache {
 /// Threads: const queries are re-entrant.
 class RayScene {
  public:
-  /// Builds for rays with times in `rays`; points can be evaluated over `evaluation`, which includes `rays`.
+  /// Builds for rays with times in `rays`, within which nothing may jump (see exposure_pieces): matter is visible as it
+  /// is in the middle. Points can be evaluated over `evaluation`, which is extended to include `rays`.
   /// Errors: Error{kOutOfRange} if the span needs more than 128 motion segments; Error{kOutOfMemory}.
   /// `scene` and `cache` must outlive this.
   RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const RaySceneOptions& options,
@@ -103,8 +104,9 @@ class RayScene {
   SurfaceMotion motion(const SurfacePoint& point, double t) const;
   /// World area of triangle `primitive` of a mesh shape at time t, with its unit geometric normal.
   float triangle_area(std::uint32_t instance, std::uint32_t shape, std::uint32_t primitive, double t) const;
-  /// World transform of an instance's shapes (identity where it is baked into the vertices) at time t.
-  Affine3f world_from_object(std::uint32_t instance, std::uint32_t shape, double t) const;
+  /// Map of an analytic shape from its unit space (scene/geometry.h) to the world at time t: one that can be inverted,
+  /// so flattened shapes have a thickness of a millionth. Pre: the shape is analytic.
+  Affine3f world_from_unit(std::uint32_t instance, std::uint32_t shape, double t) const;
 
   const Shape& shape(const SurfacePoint& point) const { return scene_->shapes[point.shape]; }
   /// Whether any material in the scene lets light pass straight through.
@@ -112,8 +114,6 @@ class RayScene {
   const Scene& scene() const { return *scene_; }
   TimeSpan rays() const;
   Bounds3f bounds() const;
-  /// Largest distance between the resampled motion and the scene's own, measured midway between knots (metres).
-  float resampling_error() const;
   /// Origin for a ray that leaves the surface at `p` towards `d`: moved off the surface by its numerical uncertainty.
   Vec3f offset_origin(const Vec3f& p, const Vec3f& ng, const Vec3f& d) const {
     const float magnitude = std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)});

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Values over time as authored: keys with step, linear or cubic interpolation. Clamped outside the keys, as glTF and
-// Mitsuba do. Times are seconds on the shot's axis.
+// Mitsuba do. Times are seconds on the shot's axis. A value jumps at a step key, and where two keys stand at one time.
 #include <algorithm>
+#include <cmath>
 #include <utility>
 #include <vector>
 
@@ -12,6 +13,10 @@
 namespace tempera {
 
 enum class Interpolation { kStep, kLinear, kCubic };
+
+/// How far before its key a jump takes effect (seconds): files hold key times as float32, so the key of a frame may
+/// stand a little after the frame's own time.
+inline double key_tolerance(double key_time) { return 2e-6 + 4e-7 * std::abs(key_time); }
 
 namespace detail {
 template <class T>
@@ -56,21 +61,34 @@ class Animated {
  public:
   Animated() = default;
   Animated(T constant) : values_{std::move(constant)} {}  // NOLINT: a constant is an animation
-  /// Keys at strictly increasing `times`. kCubic takes three values a key (in-tangent, value, out-tangent; tangents are
-  /// per second), as glTF's CUBICSPLINE does; the others one. Pre: times nonempty, sizes match.
+  /// Keys at increasing `times`; of two at one time, the first ends what comes before and the second begins what comes
+  /// after. kCubic takes three values a key (in-tangent, value, out-tangent; tangents are per second), as glTF's
+  /// CUBICSPLINE does; the others one. Pre: times nonempty, sizes match.
   Animated(std::vector<double> times, std::vector<T> values, Interpolation interpolation)
-      : times_(std::move(times)), values_(std::move(values)), interpolation_(interpolation) {}
+      : times_(std::move(times)), values_(std::move(values)), interpolation_(interpolation) {
+    for (std::size_t i = 1; i < times_.size(); ++i) jumps_ |= jumps_at(i);
+  }
 
   /// Value at time `t` (seconds), clamped to the first and last key.
-  T at(double t) const {
+  T at(double t) const { return at(t, t); }
+  /// The same as if the piece between jumps that holds the time `piece` went on for ever: how a value moves up to a jump
+  /// or from it on, whatever comes beyond.
+  T at(double t, double piece) const {
     if (times_.size() <= 1) return values_.empty() ? T{} : value(0);
-    if (t <= times_.front()) return value(0);
-    if (t >= times_.back()) return value(times_.size() - 1);
-    const std::size_t i = std::size_t(std::upper_bound(times_.begin(), times_.end(), t) - times_.begin()) - 1;
-    if (interpolation_ == Interpolation::kStep) return value(i);
-    const double dt = times_[i + 1] - times_[i], s = (t - times_[i]) / dt;
-    if (interpolation_ == Interpolation::kLinear) return detail::mix(value(i), value(i + 1), s);
-    return detail::hermite(value(i), scaled(values_[3 * i + 2], dt), value(i + 1), scaled(values_[3 * i + 3], dt), s);
+    if (interpolation_ == Interpolation::kStep) return value(last_key(piece));
+    if (!jumps_) return between(t, 0, times_.size() - 1);
+    std::size_t first = last_key(piece), last = first;
+    while (first > 0 && !jumps_at(first)) --first;
+    while (last + 1 < times_.size() && !jumps_at(last + 1)) ++last;
+    return between(t, first, last);
+  }
+  /// Appends the times at which the value jumps within the open `span` (seconds).
+  void jumps(TimeSpan span, std::vector<double>& out) const {
+    if (!jumps_) return;
+    for (std::size_t i = 1; i < times_.size(); ++i) {
+      const double t = times_[i] - key_tolerance(times_[i]);
+      if (t > span.begin && t < span.end && jumps_at(i) && !(value(i) == value(i - 1))) out.push_back(t);
+    }
   }
 
   bool is_constant() const { return times_.size() <= 1; }
@@ -78,6 +96,8 @@ class Animated {
   bool varies_over(TimeSpan span) const {
     return times_.size() > 1 && span.end > times_.front() && span.begin < times_.back();
   }
+  /// Whether it jumps anywhere.
+  bool has_jumps() const { return jumps_; }
   const std::vector<double>& times() const { return times_; }
   const std::vector<T>& values() const { return values_; }
   Interpolation interpolation() const { return interpolation_; }
@@ -87,6 +107,27 @@ class Animated {
   }
 
  private:
+  /// Whether key i ends the piece that key i - 1 belongs to.
+  bool jumps_at(std::size_t i) const {
+    return interpolation_ == Interpolation::kStep || times_[i] - times_[i - 1] <= key_tolerance(times_[i]);
+  }
+  /// The last key that has taken effect at time t; the first one before that.
+  std::size_t last_key(double t) const {
+    const auto taken = [](double at, double key) { return at < key - key_tolerance(key); };
+    const auto after = std::upper_bound(times_.begin(), times_.end(), t, taken);
+    return after == times_.begin() ? 0 : std::size_t(after - times_.begin()) - 1;
+  }
+  /// Value of the piece of keys [first, last], which goes on beyond them where other keys follow.
+  T between(double t, std::size_t first, std::size_t last) const {
+    if (first == last || (t <= times_[first] && first == 0)) return value(first);
+    if (t >= times_[last] && last + 1 == times_.size()) return value(last);
+    const auto begin = times_.begin() + std::ptrdiff_t(first), end = times_.begin() + std::ptrdiff_t(last);
+    const auto after = std::upper_bound(begin + 1, end, t);
+    const std::size_t i = std::size_t(after - times_.begin()) - 1;
+    const double dt = times_[i + 1] - times_[i], s = (t - times_[i]) / dt;
+    if (interpolation_ != Interpolation::kCubic) return detail::mix(value(i), value(i + 1), s);
+    return detail::hermite(value(i), scaled(values_[3 * i + 2], dt), value(i + 1), scaled(values_[3 * i + 3], dt), s);
+  }
   static T scaled(const T& m, double dt) {
     if constexpr (requires { m.size(); }) {
       T r = m;
@@ -102,6 +143,7 @@ class Animated {
   std::vector<double> times_;
   std::vector<T> values_;
   Interpolation interpolation_ = Interpolation::kLinear;
+  bool jumps_ = false;
 };
 
 /// Translation, rotation and scale over time, or a constant affine map (for what TRS cannot say, e.g. shear).
@@ -114,13 +156,21 @@ struct AnimatedTransform {
 
   AnimatedTransform() = default;
   AnimatedTransform(const Affine3d& m) : matrix(m) {}  // NOLINT: a constant is an animation
-  Affine3d at(double t) const {
+  Affine3d at(double t) const { return at(t, t); }
+  /// As Animated::at.
+  Affine3d at(double t, double piece) const {
     if (!keyed) return matrix;
-    Affine3d m = tempera::rotation(normalize(rotation.at(t)));
-    const Vec3d s = scale.at(t);
+    Affine3d m = tempera::rotation(normalize(rotation.at(t, piece)));
+    const Vec3d s = scale.at(t, piece);
     m.x *= s.x, m.y *= s.y, m.z *= s.z;
-    m.translation = translation.at(t);
+    m.translation = translation.at(t, piece);
     return m;
+  }
+  void jumps(TimeSpan span, std::vector<double>& out) const {
+    if (!keyed) return;
+    translation.jumps(span, out);
+    rotation.jumps(span, out);
+    scale.jumps(span, out);
   }
   bool is_constant() const {
     return !keyed || (translation.is_constant() && rotation.is_constant() && scale.is_constant());

@@ -42,6 +42,9 @@ enum class ErrorCode {
   kDiffers,      ///< a comparison passed its threshold
 };
 
+/// "usage", "missing_file", ...: for programs.
+std::string_view to_string(ErrorCode code);
+
 /// Process exit status of an error: 1 failed, 2 usage, 3 bad scene or input, 4 missing file, 5 out of memory,
 /// 6 comparison differs, 130 interrupted.
 int exit_status(ErrorCode code);

@@ -23,7 +23,21 @@ LogLevel log_level();
 void set_log_writer(std::function<void(std::string_view line)> writer);
 /// Writes one line to standard error (flushed at once) if `level` is enabled. Threads: safe.
 void log(LogLevel level, const std::string& message);
-inline void log_warning(const std::string& m) { log(LogLevel::kWarning, m); }
+/// A warning as programs are told of it.
+struct Warning {
+  std::string message;
+  std::string kind = "general";  ///< "input": about the content of a file that was read
+  SourceLoc loc{};               ///< first place, if it has one
+  int count = 1;                 ///< places
+  /// "message (2 times, first at file:line)".
+  std::string line() const;
+};
+/// Logs it, and passes it to the observer.
+void log_warning(const Warning& warning);
+inline void log_warning(const std::string& m) { log_warning(Warning{m}); }
+/// Told of every warning, whatever the log level; an empty one ends that. Threads: safe; called by one at a time; must
+/// not log.
+void set_warning_observer(std::function<void(const Warning&)> observer);
 inline void log_info(const std::string& m) { log(LogLevel::kInfo, m); }
 inline void log_debug(const std::string& m) { log(LogLevel::kDebug, m); }
 

@@ -55,5 +55,7 @@ class Params {
 std::string to_text(const ParamValue& value);
 /// "bool", "integer", "number" or "string".
 std::string type_name(const ParamValue& value);
+/// "a number", "an integer".
+std::string with_article(const std::string& noun);
 
 }  // namespace tempera

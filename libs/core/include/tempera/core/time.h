@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // The shot's time axis: double seconds. Frame numbers exist only here and in file names.
+#include <cstddef>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -59,10 +60,19 @@ struct FrameClock {
 /// Errors: Error{kUsage} naming the part that cannot be read.
 std::vector<int> parse_frame_set(std::string_view text);
 
-/// Replaces a run of '#' by the frame padded to its length, or one "%d"/"%04d" likewise; "$F4" (Houdini) too. A pattern
-/// without any gets ".####" before its extension.
-std::string frame_path(std::string_view pattern, int frame);
+/// The place for the frame number in the file name of `pattern`: a run of '#' or '@' (Blender, Katana), "%d" or "%04d"
+/// (printf), "$F" or "$F4" (Houdini), "<frame>", "<F>" or "<F4>" (Maya, Karma). A single '@' counts only between dots,
+/// as in "f.@.exr". The first one is meant if there are several.
+struct FramePlace {
+  std::size_t begin = 0, length = 0;  ///< length 0: there is none
+  int width = 0;                      ///< digits, at least
+};
+FramePlace find_frame_place(std::string_view pattern);
 /// Whether `pattern` names a place for the frame number.
 bool has_frame_pattern(std::string_view pattern);
+/// `pattern` with the number of the frame at its place; without a place `pattern` itself, which is then one file.
+std::string frame_path(std::string_view pattern, int frame);
+/// "f.####.exr" for "f.exr"; patterns with a place stay as they are.
+std::string numbered_pattern(std::string_view pattern);
 
 }  // namespace tempera

@@ -227,6 +227,21 @@ constexpr Affine3<T> inverse(const Affine3<T>& a) {
   r.translation = -r.vector(a.translation);
   return r;
 }
+/// The cofactor matrix of a map times a vector: the direction of a transformed surface's normal, right for any scale and
+/// for singular maps, too; it points to the other side under mirroring.
+template <class T>
+constexpr Vec3<T> cofactor_vector(const Affine3<T>& m, const Vec3<T>& n) {
+  return cross(m.y, m.z) * n.x + cross(m.z, m.x) * n.y + cross(m.x, m.y) * n.z;
+}
+/// Unit normal of a transformed surface, on the same side of it; zero where the map leaves no surface.
+template <class T>
+TEMPERA_INLINE Vec3<T> transform_normal(const Affine3<T>& m, const Vec3<T>& n) {
+  Vec3<T> r = cofactor_vector(m, n);
+  const T largest = std::max({std::abs(r.x), std::abs(r.y), std::abs(r.z)});
+  if (!(largest > 0)) return {};
+  r = normalize(r * (1 / largest));  // the square of a tiny number is none
+  return m.determinant() < 0 ? -r : r;
+}
 template <class T>
 constexpr Affine3<T> translate(const Vec3<T>& t) {
   return {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}, t};

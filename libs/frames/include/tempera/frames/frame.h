@@ -60,23 +60,32 @@ enum class Compression { kNone, kRle, kZips, kZip, kPiz, kDwaa };
 
 struct WriteOptions {
   Compression compression = Compression::kZip;
-  bool half = false;  ///< 16-bit floats for radiance and reflectance layers; data layers stay 32-bit
+  /// 16-bit floats for radiance and reflectance layers, clamped to what these hold (65504); data layers stay 32-bit.
+  bool half = false;
   AovNames names = AovNames::kTempera;
+  std::string view_layer = kViewLayer;  ///< of Blender's names
 };
+/// What of the options decides the names in a file, for fingerprints.
+std::string names_text(const WriteOptions& options);
 /// Reads "none", "rle", "zips", "zip", "piz" or "dwaa". Errors: Error{kUnknownName} with the known names.
 Compression parse_compression(std::string_view text);
+
+/// Checks before the work that write_frame can store a frame of these layers. Errors: Error{kUnsupported} for kDwaa
+/// with data layers that it would damage; Error{kBadInput} for two layers that become one channel.
+void check_encoding(const std::vector<LayerDesc>& layers, const WriteOptions& options);
 
 /// Writes a single-part multi-layer EXR, whole or not at all (see write_file).
 /// Result:  the same bytes for the same frame and options.
 /// Errors:  Error{kFailed} if the disk is full, read-only or not permitted: what stood at `path` stays, no temporary
 /// file
-///          does. Error{kBadInput} for a frame without layers. Error{kUnsupported} for kDwaa with data layers.
+///          does. Error{kBadInput} for a frame without layers; those of check_encoding.
 /// Threads: safe for different frames.
 void write_frame(const std::string& path, const Frame& frame, const WriteOptions& options = {});
 
 struct ReadOptions {
   std::vector<std::string> layers;  ///< names of the layers to keep; empty: all. One that the file lacks is an error.
   bool rename = true;               ///< translate the names of other programs to ours where they are unambiguous
+  bool decode = true;               ///< integers of pictures are sRGB; else they come as the fractions that are stored
   std::int64_t max_values = std::int64_t(1) << 32;  ///< largest number of pixels x channels that is accepted
 };
 

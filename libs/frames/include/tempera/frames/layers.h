@@ -54,9 +54,11 @@ struct LayerDesc {
 
 namespace layers {
 LayerDesc color();           ///< "color" R,G,B,A: radiance, and A the part of the pixel that a surface covers
-LayerDesc color_a();         ///< "color.a" R,G,B: mean of the even samples
+LayerDesc color_a();         ///< "color.a" R,G,B: mean of the even samples, independent of color.b
 LayerDesc color_b();         ///< "color.b" R,G,B: mean of the odd samples
-LayerDesc color_variance();  ///< "color.var" R,G,B: variance of the mean
+LayerDesc color_variance();  ///< "color.var" R,G,B: variance of color, which is a mean, from these halves
+LayerDesc color_common();    ///< "color.common" R,G,B: of a reconstruction, without the light of rare paths
+LayerDesc color_rare();      ///< "color.rare" R,G,B: of a reconstruction, light of rare paths before it was smoothed
 LayerDesc albedo();          ///< "albedo" R,G,B: directional-hemispherical reflectance of the first surface
 LayerDesc normal();          ///< "normal" X,Y,Z: shading normal in world space, whatever the camera; 0 where nothing is
 LayerDesc depth();           ///< "depth" Z: distance along the viewing axis; 0 where nothing is
@@ -71,6 +73,12 @@ LayerDesc grad_y();           ///< "grad.y" R,G,B: I[p + y] - I[p]
 LayerDesc grad_t();           ///< "grad.t" R,G,B: I[next frame, same surface point] - I[p]
 LayerDesc grad_x_variance();  ///< "grad.x.var" R,G,B: variance of grad.x, which is a mean
 LayerDesc grad_y_variance();  ///< "grad.y.var" R,G,B: variance of grad.y
+LayerDesc rare_color();       ///< "rare.color" R,G,B: light of rare paths, and what is too bright of others
+LayerDesc rare_grad_x();      ///< "rare.grad.x" R,G,B: what it adds to grad.x
+LayerDesc rare_grad_y();      ///< "rare.grad.y" R,G,B: what it adds to grad.y
+LayerDesc rare_a();           ///< "rare.a" R,G,B: rare.color - held.color of the even samples
+LayerDesc rare_b();           ///< "rare.b" R,G,B: rare.color - held.color of the odd samples
+LayerDesc held_color();       ///< "held.color" R,G,B: the part of rare.color that is held back as too bright
 LayerDesc source();           ///< "source" X,Y,V: pixel of the previous frame whose random numbers were replayed here
 LayerDesc samples();          ///< "samples" N: paths traced through the pixel
 LayerDesc time();             ///< "time" T: mean shutter time, seconds on the shot's axis

@@ -26,6 +26,9 @@ struct FrameRate {
 };
 FrameRate frame_rate(double fps);
 
+/// Width of a pixel over its height, where that is not 1. EXR files get the standard attribute from it, too.
+inline constexpr const char* kPixelAspectKey = "tempera/pixel_aspect";
+
 /// The motion vector convention that every file states as "tempera/motion".
 inline constexpr const char* kMotionConvention =
     "pixels, x right, y down; backward = previous - current, forward = next - current; Z = depth change in meters; "

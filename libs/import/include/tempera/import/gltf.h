@@ -12,7 +12,9 @@ namespace tempera {
 /// Where glTF leaves a choice, or a renderer of films has to differ from one of games:
 /// - Animations all play together, unless `options.animation` names one (or gives its number, or "none"). Of those that
 ///   drive the same thing the first plays; the others are named in a warning.
-/// - Surfaces show both sides, whatever doubleSided says. Emissive surfaces shine to both sides.
+/// - Surfaces show both sides, whatever doubleSided says. Emissive surfaces shine to the front, and to the back if they
+///   are doubleSided: glTF does not show the back of others.
+/// - Shading normals are bent for the viewer (Scene::bend_normals).
 /// - Lights: one candela is 1 W/sr and one lux 1 W/m^2, the scale of emissive surfaces (1 nit is 1 W/(m^2 sr)).
 /// Blender's
 ///   exporter multiplies the power of lights, but not of surfaces, by 683 lm/W (or, before version 3.4, writes Watts);

@@ -23,6 +23,7 @@ struct ImportOptions {
   std::uint64_t memory_limit = 0;  ///< bytes that file contents and geometry may take together; 0: no limit
   std::string animation{};         ///< glTF: the one animation to play; empty: all of them together
   double fps = 24;                 ///< glTF: frame rate of tracks that count in frames rather than in seconds
+  bool tints_once = false;         ///< glTF: MetallicRoughnessParams::tints_once of solid glass, as in Blender
 };
 
 /// One scene format.

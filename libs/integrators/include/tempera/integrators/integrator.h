@@ -2,6 +2,7 @@
 #pragma once
 // An integrator estimates light transport and writes named layers. It owns no threads and no files: the pipeline cuts a
 // shot into work units (tiles of a frame), runs them in any order and writes the frames.
+#include <algorithm>
 #include <atomic>
 #include <cstdint>
 #include <memory>
@@ -31,6 +32,18 @@ struct PathClass {
   std::string expression;  ///< e.g. "ERD.*"; see light_path_expression.h
 };
 
+/// A setting that an integrator cannot do with. Loaders turn it into an error at the place of the setting.
+class SettingError : public Error {
+ public:
+  /// `key`: of the setting in shot.toml, e.g. "sampling.spp".
+  SettingError(ErrorCode code, std::string key, std::string message)
+      : Error(code, std::move(message)), key_(std::move(key)) {}
+  const std::string& key() const { return key_; }
+
+ private:
+  std::string key_;
+};
+
 /// What is rendered, apart from the scene and the integrator's own parameters.
 struct RenderSettings {
   int width = 1280, height = 720;
@@ -46,6 +59,9 @@ struct RenderSettings {
   std::vector<PathClass> classes;
   bool classes_are_decomposition = false;  ///< check disjointness, add "residual", components sum to color exactly
   int cryptomatte_depth = 6;
+  /// First frames after a cut, in order: nothing looks across, so motion vectors are invalid there.
+  std::vector<int> cuts;
+  bool is_cut(int frame) const { return std::binary_search(cuts.begin(), cuts.end(), frame); }
   std::string canonical() const;  ///< all fields as text, for metadata and resume
 
   int x0() const { return crop_width > 0 ? crop_x : 0; }
@@ -59,17 +75,27 @@ struct FramePlan {
   virtual ~FramePlan() = default;
 };
 
-/// Everything that is fixed while one frame renders.
+/// Everything that is fixed while one frame renders (frame_scene.h makes it).
 struct FrameContext {
   const Scene& scene;
-  const RayScene& rays;
-  const LightSampler& lights;
+  const RayScene& rays;        ///< of the first piece of the exposure between jumps
+  const LightSampler& lights;  ///< likewise
   const CameraModel& camera;
   const LightPathClassifier& classifier;
   const RenderSettings& settings;
   int frame = 0;
   FramePlan* plan = nullptr;  ///< what the integrator's `prepare` returned; a tile changes nothing of another's there
-  bool for_next = false;      ///< only what the next frame needs (Integrator::carried) is wanted of this one
+  bool only_for_next_frame = false;      ///< only what the next frame needs (Integrator::layers_for_next_frame) is wanted of this one
+  /// For each piece of the exposure what its rays and lights are; none if there is but one piece.
+  std::span<const FrameContext> pieces{};
+
+  /// This context for paths of time t (seconds): their rays meet what is there then.
+  const FrameContext& at(double t) const {
+    if (pieces.empty()) return *this;
+    std::size_t i = 0;
+    while (i + 1 < pieces.size() && t >= pieces[i + 1].rays.rays().begin) ++i;
+    return pieces[i];
+  }
 };
 
 /// The quantum of parallelism, checkpoint and resume: pixels [x0,x1) x [y0,y1) of the frame with all their samples.
@@ -79,11 +105,11 @@ struct Tile {
 
 /// Which random numbers a pixel takes: those of a pixel of a stream, usually its own of its frame.
 struct PixelKey {
-  static constexpr int kFullTurn = 256;
+  static constexpr int kFullRotation = 256;
   std::int64_t stream = 0;
   int x = 0, y = 0;
-  /// Added to the two numbers that place a sample on the film, modulo 1; in units of 1 / kFullTurn.
-  int turn_x = 0, turn_y = 0;
+  /// Added to the two numbers that place a sample on the film, modulo 1; in units of 1 / kFullRotation.
+  int rotation_x = 0, rotation_y = 0;
   bool operator==(const PixelKey&) const = default;
 };
 /// The numbers that pixel (x, y) of a frame has for itself.
@@ -122,10 +148,10 @@ class Integrator {
   /// How many frames before the one that is rendered `prepare` looks at: 0 or 1.
   virtual int frames_before() const { return 0; }
   /// Layers of the frame before that `prepare` needs as they were rendered.
-  virtual std::vector<std::string> carried() const { return {}; }
+  virtual std::vector<std::string> layers_for_next_frame() const { return {}; }
   /// Called before the tiles of a frame. `before`: the preceding frame, if frames_before() asks for it; its rays serve
-  /// the middle of its exposure only. `rendered`: the layers of that frame that carried() names; null if it names none,
-  /// or if context.for_next. Threads: called from one, may use parallel_for.
+  /// the middle of its exposure only. `rendered`: the layers of that frame that layers_for_next_frame() names; null if it names none,
+  /// or if context.only_for_next_frame. Threads: called from one, may use parallel_for.
   virtual std::unique_ptr<FramePlan> prepare(const FrameContext& /*context*/, const FrameContext* /*before*/,
                                              const Frame* /*rendered*/) const {
     return nullptr;

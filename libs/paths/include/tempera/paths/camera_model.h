@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "tempera/accel/motion_grid.h"
 #include "tempera/core/time.h"
 #include "tempera/scene/scene.h"
 
@@ -20,8 +21,8 @@ struct CameraRay {
 class CameraModel {
  public:
   /// `span`: times that will be asked for; within it the pose is resampled on the grid of `motion_step` seconds, as
-  /// matter is: translation and scale linear, rotation slerp, picture size and lens linear between the knots. `scene`
-  /// is only read here. Errors: Error{kBadInput} for a transform that is singular or not finite; Error{kOutOfRange} for
+  /// matter is: translation and scale linear, rotation slerp, picture size and lens linear between the knots; where
+  /// the camera jumps, nothing lies between. `scene` is only read here. Errors: Error{kBadInput} for a transform that is singular or not finite; Error{kOutOfRange} for
   /// a field of view, lens or clipping distance outside its range, or a span of more than a million knots; both name
   /// the camera.
   CameraModel(const Scene& scene, int camera, int width, int height, TimeSpan span, double motion_step);
@@ -30,13 +31,15 @@ class CameraModel {
   CameraRay ray(const Vec2f& pixel, const Vec2f& lens, double t) const;
   /// Film position (pixels) of a world point at time t through the center of the lens, and its distance along the view
   /// axis (metres; an orthographic camera sees points behind it, at negative ones). Empty behind or in the plane of a
-  /// perspective camera.
+  /// perspective camera, and farther from the center of the picture than kReach times its longer side: close to that
+  /// plane a film position is little more than rounding.
+  static constexpr double kReach = 16;
   struct Projected {
     Vec2f pixel;
     float depth = 0;
   };
   std::optional<Projected> project(const Vec3f& p, double t) const;
-  /// The same for a direction, i.e. a point at infinity. Empty for orthographic cameras.
+  /// The same for a direction, i.e. a point at infinity. Empty for orthographic cameras, too.
   std::optional<Vec2f> project_direction(const Vec3f& d, double t) const;
   /// World-space view axis (unit) at time t, and the position of the camera.
   Vec3f axis(double t) const;
@@ -58,7 +61,7 @@ class CameraModel {
     Vec3d lens_x, lens_y;        ///< unit, if there is an aperture
     double half_width = 1, half_height = 1, aperture = 0, focus = 1;
   };
-  Knot sample(const Scene& scene, const Camera& camera, double t) const;
+  Knot sample(const Scene& scene, const Camera& camera, const MotionPieces::Knot& at) const;
   Pose compose(const Knot& knot) const;
   Pose interpolate(double t) const;
   /// Calls f with the pose at t; without copies for cameras that stand still.
@@ -66,16 +69,20 @@ class CameraModel {
   auto with_pose(double t, F&& f) const {
     return knots_.empty() ? f(still_) : f(interpolate(t));
   }
-  Vec2f to_pixel(double x, double y) const;
+  /// Film position of a point of the picture, in halves of its size from the center; empty beyond kReach.
+  std::optional<Vec2f> to_pixel(double x, double y) const;
 
   bool perspective_;
-  Vec2d size_;    ///< of the film in pixels
-  Vec2d offset_;  ///< of the picture in fractions of its size
+  Vec2d size_;     ///< of the film in pixels
+  double aspect_;  ///< of the picture: width over height
+  Vec2d offset_;   ///< of the picture in fractions of its size
   double near_, far_;
-  double step_;
-  Pose still_;                   ///< of a camera that does not change
-  std::int64_t first_knot_ = 0;  ///< knot i of knots_ stands at (first_knot_ + i) * step_
-  std::vector<Knot> knots_;      ///< empty if nothing changes
+  Pose still_;  ///< of a camera that does not change
+  MotionPieces pieces_;
+  std::vector<Knot> knots_;  ///< at those of pieces_; empty if nothing changes
 };
+
+/// Appends the times within the open `span` (seconds) at which the camera jumps to another view.
+void camera_jumps(const Scene& scene, const Camera& camera, TimeSpan span, std::vector<double>& out);
 
 }  // namespace tempera

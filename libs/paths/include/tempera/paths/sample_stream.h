@@ -81,18 +81,19 @@ struct VertexNumbers {
 
 /// The random numbers of one sample of one pixel, each in [0,1). A small value; copying it replays it.
 ///
-/// kSobol: coordinates 2k and 2k + 1 form a (0,2)-sequence over the samples of a pixel, Owen-scrambled and visited in
-/// an order that is shuffled (again by nested scrambling, so that every aligned power of two of samples is a net) for
-/// each key and pair: pairs are independent of each other [Burley 2020]. Any number of samples serves; powers of two
-/// best. kIndependent: hashes.
+/// kSobol: coordinates 2k and 2k + 1 form a (0,2)-sequence over the even samples of a pixel, and an independent one
+/// over the odd ones, so that half the difference of the means of both tells the variance of the mean of all. Each is
+/// Owen-scrambled and visited in an order that is shuffled (again by nested scrambling, so that every aligned power of
+/// two of its samples is a net) for each key and pair: pairs are independent of each other [Burley 2020]. Any number of
+/// samples serves; powers of two best. kIndependent: hashes.
 class SampleStream {
  public:
   /// `stream` separates independent pictures (the frame number, or another frame's to replay it).
   SampleStream(SamplerKind kind, std::uint64_t seed, std::int64_t stream, int x, int y, std::uint32_t sample)
       : key_(hash_key(seed, std::uint64_t(stream), (std::uint64_t(std::uint32_t(y)) << 32) | std::uint32_t(x))),
-        reversed_sample_(detail::reverse_bits(sample)),
+        reversed_sample_(detail::reverse_bits(sample / 2)),
         kind_(kind) {
-    if (kind == SamplerKind::kIndependent) key_ = hash_key(key_, sample);
+    key_ = hash_key(key_, kind == SamplerKind::kIndependent ? sample : sample % 2);
   }
 
   /// Coordinate c alone: get1(2k) == get2(2k).x and get1(2k + 1) == get2(2k).y.

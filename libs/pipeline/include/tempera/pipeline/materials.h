@@ -27,17 +27,20 @@ class MaterialValues {
   MaterialValues(const Params& params, std::map<std::string, SourceLoc> locs, FileResolver files)
       : params_(params), locs_(std::move(locs)), files_(std::move(files)) {}
   /// A constant ("0.5", "0.8,0.1,0.1", "#cc3300" in sRGB) or an image file. Errors: Error{kBadInput | kMissingFile} at
-  /// it.
+  /// it, Error{kOutOfRange} below 0.
   Slot color_slot(const std::string& name) const;
   /// The same for what is no color: the first channel of an image is taken as stored.
   Slot scalar_slot(const std::string& name) const;
-  /// A constant only. Errors: Error{kBadInput}.
+  /// A constant only. Errors: Error{kBadInput | kOutOfRange}.
   Rgb color(const std::string& name) const;
   const Params& params() const { return params_; }
+  /// The parameter two_sided, if it was given.
+  std::optional<bool> two_sided() const;
   SourceLoc loc(const std::string& name) const;
 
  private:
   Slot slot(const std::string& name, bool is_color) const;
+  Rgb checked(const std::string& name, const Rgb& c) const;
   const Params& params_;
   std::map<std::string, SourceLoc> locs_;
   FileResolver files_;
@@ -55,8 +58,8 @@ std::span<const MaterialEntry> material_catalog();
 /// Parameters that every type has besides its own: opacity, two_sided, emission.
 std::span<const ParamSpec> common_material_params();
 
-/// Replaces the material of all shapes whose material is called `name`. `values` are the parameters, `type` among them,
-/// `locs` where each stands.
+/// Replaces the material of all shapes whose material is called `name`. `values` are the parameters, `locs` where each
+/// stands. Without a `type` they may only be common ones, and change the scene's own material.
 /// Errors: Error{kUnknownName} for a material that the scene lacks, a type or a parameter; those of make.
 void override_material(Scene& scene, const std::string& name, const std::map<std::string, ParamValue>& values,
                        const std::map<std::string, SourceLoc>& locs, const FileResolver& files);

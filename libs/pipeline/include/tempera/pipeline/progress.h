@@ -14,12 +14,17 @@ enum class ProgressKind {
   kAuto,    ///< kTty if standard error is a terminal, else kPlain
   kTty,     ///< a bar on standard error with the time left, and a line per finished frame
   kPlain,   ///< a line per finished frame on standard error: "frame 12 done: seconds=3.21 samples=... path=..."
-  kJson,    ///< one JSON object per event on standard output: start, frame, progress, done, end
+  kJson,    ///< one JSON object per event on standard output: start, frame, progress, done, end, ...
   kOpenJd,  ///< openjd_progress: and openjd_status: lines on standard output (Open Job Description)
   kNone,
 };
 /// "auto", "tty", "plain", "json", "openjd" or "none". Errors: Error{kUnknownName} with the known names.
 ProgressKind parse_progress(std::string_view text);
+
+/// From now on every warning is an event of ProgressKind::kJson, too.
+void write_warning_events();
+/// The last event of ProgressKind::kJson for a program that ends with `status` because of `error`.
+void write_error_event(const Error& error, int status);
 
 /// A step of a job that has several, or the whole of it.
 struct JobStep {

@@ -24,7 +24,7 @@ struct RenderTotals {
 
 struct RenderPlan {
   std::vector<int> frames;    ///< that will be rendered, in order
-  std::size_t skipped = 0;    ///< frames that --resume found finished
+  std::size_t skipped = 0;    ///< frames that were already finished
   std::size_t tiles = 0;      ///< per frame
   int width = 0, height = 0;  ///< of the files
   const RenderSettings* settings = nullptr;

@@ -12,13 +12,13 @@
 namespace tempera {
 
 struct RunPlan {
-  Shot render;                ///< what the first step renders, and where to
-  std::vector<int> beside;    ///< frames among render.frames that were not asked for: the reconstruction reads them
-  std::vector<int> frames;    ///< that were asked for
-  bool reconstructs = false;  ///< whether the integrator writes differences
-  FrameRange sequence;        ///< what the reconstruction takes the whole sequence to be
-  std::string output;         ///< pattern of the frames that are the result
-  std::string video_path;     ///< empty: no movie
+  Shot render;                 ///< what the first step renders, and where to
+  std::vector<int> neighbors;  ///< frames among render.frames that were not asked for: the reconstruction reads them
+  std::vector<int> frames;     ///< that were asked for
+  bool reconstructs = false;   ///< whether the integrator writes differences
+  FrameRange sequence;         ///< what the reconstruction takes the whole sequence to be
+  std::string output;          ///< of the frames that are the result, see frame_path
+  std::string video_path;      ///< empty: no movie
 };
 
 /// Settles the steps of a shot. A frame of the result depends on the shot alone, not on which frames were asked for: to

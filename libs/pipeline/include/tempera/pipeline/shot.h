@@ -27,11 +27,11 @@ struct Shot {
   /// what the frames are, the command line chooses among them. What is computed over several frames goes by this.
   FrameRange sequence;
   bool is_part = false;              ///< the sequence has frames that `frames` leaves out
-  std::string output;                ///< pattern, see frame_path; empty: none is named
+  std::string output;                ///< see frame_path; empty: none is named
   WriteOptions write;                ///< of the files that are rendered
-  int motion_segments = 4;           ///< knots of the motion grid per frame
+  int motion_segments = 4;           ///< of a frame between knots of the motion grid
   Params reconstruct;                ///< of the stage
-  std::string final_output;          ///< pattern of the reconstructed frames; empty: none is named
+  std::string final_output;          ///< of the reconstructed frames, as it was given; empty: none is named
   WriteOptions final_write;          ///< of the frames that are the result
   std::string video_path;            ///< of the movie; empty: none is named
   bool video_path_is_typed = false;  ///< on the command line, so for just these frames
@@ -56,6 +56,18 @@ LoadedShot load_shot(const ShotConfig& config, const ImportOptions& options, War
 /// `file` is shot.toml (any .toml) or a scene file: in the latter case the key `scene` is set to it.
 /// Errors: as ShotConfig::read_file; Error{kUnsupported} for an extension that nothing reads.
 ShotConfig read_shot_config(const std::filesystem::path& file);
+
+/// What the files of a shot are called that names none: "dance" for dance.toml, "demo" for demo/shot.toml.
+std::string shot_name(const std::filesystem::path& source);
+
+/// As output_pattern, of the value of `key` (output.path or reconstruct.path). A name without a place for the number is
+/// one file where the shot has a single frame, or where the command line gives the name and one frame: parts of a shot
+/// that names its files itself must not replace each other. Errors: Error{kUsage | kBadInput} where the key was given.
+std::string settle_output(const ShotConfig& config, const Shot& shot, const std::string& key, const std::string& name);
+
+/// Checks before rendering that frames of these layers can be stored under `options`. Errors: those of check_encoding,
+/// at output.compression.
+void check_shot_encoding(const ShotConfig& config, const std::vector<LayerDesc>& layers, const WriteOptions& options);
 
 /// 128 bits in hex over everything that affects the pixels of the file of `frame`: scene content and edits, settings,
 /// integrator and parameters, encoding, program version. Not threads, paths or time.

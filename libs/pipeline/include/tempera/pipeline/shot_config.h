@@ -22,6 +22,7 @@ struct ShotKey {
   std::string value_name{};     ///< what --help calls the value, e.g. "WxH"
   std::string fallback_help{};  ///< what holds when the key is absent, if that is not spec.fallback
   bool list = false;            ///< an array is accepted in TOML; its elements are joined by ','
+  bool keyframes = false;       ///< they may be arrays themselves, whose elements are joined by ':'
 };
 /// All of them, in the order of the manual.
 std::span<const ShotKey> shot_keys();
@@ -39,11 +40,13 @@ std::span<const OpenTable> shot_tables();
 struct ShotValue {
   ParamValue value;
   SourceLoc loc;
+  bool is_text = false;  ///< a string that still has to be converted to the type of what it is for
 };
 
 /// Parts of a dotted key: {"film", "resolution"}.
 using KeyPath = std::vector<std::string>;
-/// Splits `a.b."c.d"` into {a, b, c.d}. Errors: Error{kSyntax} at `loc` for an empty part or a missing quote.
+/// Splits `a.b."c.d"` into {a, b, c.d}; quotes are double or single, blanks around parts do not count. Errors:
+/// Error{kSyntax} at `loc` for an empty part or a missing quote.
 KeyPath parse_key(std::string_view text, const SourceLoc& loc = {});
 
 /// Values by dotted key. Later values replace earlier ones, so: file first, command line after it.
@@ -58,7 +61,9 @@ class ShotConfig {
   /// Sets one key from the command line, e.g. ("film.resolution", "640x360") or ("integrator.max_depth", "3").
   /// Errors: as read_file, at `loc`.
   void set_text(const std::string& key, const std::string& text, const SourceLoc& loc = kCommandLine());
-  /// "key=value". Errors: Error{kUsage} without '='.
+  /// "key=value" as a line of shot.toml would have it: `film.crop=[0, 0, 64, 48]`, `film={scale=50}`, `camera="Main"`.
+  /// A value that does not begin with a bracket, brace or quote may also be text as in set_text: `film.crop=0,0,64,48`.
+  /// Errors: Error{kUsage} without '='; Error{kSyntax} for a value that is no TOML; those of read_file.
   void assign(const std::string& assignment, const SourceLoc& loc = kCommandLine());
 
   /// The value of a fixed key, if it was given.
@@ -89,7 +94,10 @@ class ShotConfig {
 
  private:
   const ParamValue& get(const std::string& key) const;
-  void set(const KeyPath& key, const ParamValue& value, bool as_text, const SourceLoc& loc, const SourceLoc& key_loc);
+  struct Node;  // a node of a TOML document
+  /// Sets `key` to what stands at a node, recursively for tables.
+  void set_node(const KeyPath& key, const Node& node);
+  void set(const KeyPath& key, const ShotValue& value, const SourceLoc& key_loc);
   std::map<KeyPath, ShotValue> values_, file_values_;
   std::filesystem::path file_, folder_;
   bool sandbox_ = false;

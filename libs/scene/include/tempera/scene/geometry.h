@@ -2,12 +2,14 @@
 #pragma once
 // Shapes in their own object space, with what deforms them over time.
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <variant>
 #include <vector>
 
 #include "tempera/core/animated.h"
 #include "tempera/core/vec.h"
+#include "tempera/scene/vertex_cache.h"
 
 namespace tempera {
 
@@ -28,10 +30,16 @@ struct Skin {
   std::vector<float> weights;          ///< [vertices, influences], each vertex sums to 1
 };
 
-/// Positions (and optionally normals) of a whole mesh at a time, for vertex caches.
-struct VertexCacheSample {
-  double time = 0;
-  std::vector<Vec3f> positions, normals;
+/// A mesh's positions over time from a vertex cache, in place of `Mesh::positions`. The normals of a smooth mesh follow
+/// them: see bind_cache.
+struct CachedPositions {
+  std::shared_ptr<const VertexCache> samples;  ///< null: none
+  Affine3f mesh_from_cache;
+  std::uint32_t first_vertex = 0;       ///< of the cache: where vertex 0 of the mesh stands, if `vertices` is empty
+  std::vector<std::uint32_t> vertices;  ///< of the cache, by vertex of the mesh; or empty
+  /// Vertices of one `fan_of` share a normal. The corners (indices into Mesh::indices) of the triangles around fan f
+  /// are fans[fan_begin[f]] to fans[fan_begin[f + 1] - 1]. Empty for flat meshes.
+  std::vector<std::uint32_t> fan_of, fan_begin, fans;
 };
 
 /// Indexed triangles. Pre: indices are multiples of 3 and below positions.size(); attribute arrays have one element per
@@ -51,10 +59,11 @@ struct Mesh {
   std::vector<MorphTarget> morph_targets;
   Animated<std::vector<float>> morph_weights;  ///< one per target
   Skin skin;                                   ///< no joints: not skinned
-  std::vector<VertexCacheSample> cache;        ///< sorted by time; fewer than two: static
+  CachedPositions cache;
+  std::vector<std::uint32_t> source_vertices;  ///< by vertex: which vertex of the authored mesh it was; or empty
 
   std::size_t triangle_count() const { return indices.size() / 3; }
-  bool deforms() const { return !morph_targets.empty() || !skin.joints.empty() || cache.size() > 1; }
+  bool deforms() const { return !morph_targets.empty() || !skin.joints.empty() || cache.samples; }
 };
 
 /// Analytic shapes; `object_from_unit` places them. u, v as in Mitsuba: sphere phi/2pi, theta/pi; disk radius, phi/2pi;
@@ -79,8 +88,13 @@ using Geometry = std::variant<Mesh, Sphere, Disk, Cylinder>;
 Mesh make_rectangle();
 /// Twelve triangles over [-1,1]^3, flat normals, uv over [0,1]^2 on each face.
 Mesh make_cube();
+/// Lets `cache` drive the positions of a mesh, and works out what its normals need: vertices that stand at one place
+/// with one normal share it, as at a seam of the texture, so smooth stays smooth and sharp stays sharp. At every pose
+/// the normal is the mean of the triangles around by their angles [Thuermer 1998]. Pre: every vertex of the mesh is one
+/// of the cache.
+void bind_cache(Mesh& mesh, CachedPositions cache);
 /// Applies an affine map to positions, normals, tangents and morph targets of a mesh; keeps front faces in front under
-/// mirroring.
+/// mirroring. Pre: the mesh has no cache.
 void transform(Mesh& mesh, const Affine3d& map);
 
 }  // namespace tempera

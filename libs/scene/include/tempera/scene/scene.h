@@ -20,13 +20,21 @@ struct Node {
   int parent = -1;  ///< index of an earlier node, or -1
   AnimatedTransform local;
   std::string name;
-  Animated<float> visibility{1.0f};  ///< below 0.5: this node and its children are not rendered (sampled per frame)
+  Animated<float> visibility{1.0f};  ///< below 0.5: this node and its children are not rendered
 };
+
+struct PunctualLight;
 
 /// Radiance leaving a surface. One-sided: only from the front (where the geometric normal points).
 struct AreaEmission {
-  Slot radiance{0.0f};  ///< W/(m^2 sr)
+  Slot radiance{0.0f};  ///< W/(m^2 sr); with a spread or a spot what it would be without
   bool two_sided = false;
+  /// Radians, above 0: light leaves within this angle of the normal, as through a grid of slats, with the power that it
+  /// would have without: times (tan(half_spread) - tan(angle)) / (tan(half_spread) - half_spread). pi/2: evenly.
+  float half_spread = kPi / 2;
+  /// A spot light with a size: radiance is multiplied by the falloff of this light, by direction from its axis, and it
+  /// decides the axis. Null: none.
+  std::shared_ptr<const PunctualLight> spot{};
 };
 
 /// A piece of geometry with one material.
@@ -40,10 +48,17 @@ struct Shape {
 
 /// Places a group of shapes. Shapes used once are instances of a group of one.
 struct Instance {
-  int group = 0;     ///< Scene::groups index
-  int node = -1;     ///< Scene::nodes index, -1: identity
-  std::string name;  ///< object name for ids and cryptomatte
-  bool camera_visible = true;
+  int group = 0;               ///< Scene::groups index
+  int node = -1;               ///< Scene::nodes index, -1: identity
+  std::string name;            ///< object name for ids and cryptomatte
+  bool camera_visible = true;  ///< false: rays that come straight from the camera pass through it
+};
+
+/// How a spot's light falls from full at `beam_width` to nothing at `cutoff_angle`.
+enum class SpotFalloff {
+  kLinear,     ///< linear in the angle: Mitsuba
+  kSquared,    ///< square of what is linear in the cosine: glTF
+  kSmoothstep  ///< 3 x^2 - 2 x^3 of what is linear in the cosine: Blender
 };
 
 enum class LightType { kPoint, kSpot, kDirectional, kProjector };
@@ -56,7 +71,9 @@ struct PunctualLight {
   Animated<float> intensity_scale{1.0f};
   Animated<float> cutoff_angle{0.34906585f};  ///< spot: half angle in radians where light ends
   Animated<float> beam_width{0.26179939f};    ///< spot: half angle up to which it is full
-  bool smooth_falloff = false;  ///< spot: glTF's squared smooth falloff in cosine instead of Mitsuba's linear in angle
+  SpotFalloff falloff = SpotFalloff::kLinear;
+  float angle = 0;              ///< directional: angle that the disk of the sun spans, radians; 0: a point
+  bool camera_visible = false;  ///< directional with an angle: whether the camera sees the disk
   std::shared_ptr<const Texture>
       texture;                       ///< spot: intensity over the cone's image; projector: irradiance at distance 1
   float projector_fov = 0.7853982f;  ///< projector: full angle along x, radians
@@ -79,6 +96,9 @@ struct Environment {
 
 enum class Projection { kPerspective, kOrthographic };
 
+/// The side of the picture whose length a sensor has: its larger one (pixel aspect included), or always the same.
+enum class SensorFit { kAuto, kHorizontal, kVertical };
+
 /// A camera that looks along its node's local +z with +y up and +x to the *left* of the picture (Mitsuba's frame;
 /// importers of formats that look along -z turn by 180 degrees about y).
 struct Camera {
@@ -91,8 +111,15 @@ struct Camera {
   float authored_aspect = 16.0f / 9.0f;
   Animated<float> width{2.0f};            ///< orthographic: width of the picture in metres
   Animated<float> aperture_radius{0.0f};  ///< metres; 0: pinhole
-  Animated<float> focus_distance{1.0f};   ///< metres along the view axis
-  Vec2f principal_offset{0, 0};           ///< shift of the picture in fractions of width and height (x right, y down)
+  /// Above 0 it decides the aperture: its radius is focal length / (2 f_stop), where the focal length is what gives the
+  /// field of view on a sensor of `sensor_size`. Orthographic cameras have none: 1 m / (2 f_stop), as in Blender.
+  Animated<float> f_stop{0.0f};
+  float sensor_size = 0.036f;  ///< metres along the side of the picture that `sensor_fit` names
+  SensorFit sensor_fit = SensorFit::kAuto;
+  Animated<float> focus_distance{1.0f};  ///< metres along the view axis
+  int focus_node = -1;                   ///< in focus is what is as far along the view axis as this node's origin
+  Vec2f principal_offset{0, 0};          ///< shift of the picture in fractions of width and height (x right, y down)
+  float pixel_aspect = 1;                ///< width of a pixel over its height
   float near_clip = 1e-2f, far_clip = 1e7f;
 };
 
@@ -121,6 +148,9 @@ struct Scene {
   std::vector<Environment> environments;  ///< their radiance adds up
   std::vector<Camera> cameras;
   int default_camera = 0;
+  /// Whether eye paths bend shading normals for the viewer (make_bsdf). Formats say how their surfaces are shaded: glTF
+  /// leaves it to us, and it is on; Mitsuba shades with normals as they are.
+  bool bend_normals = false;
   RenderDefaults defaults;
   TimeSpan animation;  ///< seconds covered by keys; begin == end: static
   std::vector<std::string> animation_names;
@@ -129,7 +159,11 @@ struct Scene {
   std::uint64_t content_hash = 0;
 
   /// World transform of `node` at time `t` (seconds); identity for -1.
-  Affine3d world(int node, double t) const;
+  Affine3d world(int node, double t) const { return world(node, t, t); }
+  /// The same as if the piece between jumps that holds the time `piece` went on for ever; see Animated::at.
+  Affine3d world(int node, double t, double piece) const;
+  /// Appends the times within the open `span` at which `node` jumps to another place or appears or disappears.
+  void jumps(int node, TimeSpan span, std::vector<double>& out) const;
   /// Whether the world transform of `node` can change within `span`.
   bool moves(int node, TimeSpan span) const;
   bool visible(int node, double t) const;

@@ -105,14 +105,25 @@ class Bsdf {
     layers_.clear();
     total_probability_ = 0;
     has_non_delta_ = false;
+    has_horizon_ = false;
+  }
+  /// From here on reflecting lobes keep to the viewer's side of the surface with geometric normal `ng` (unit, turned
+  /// towards the viewer) and fade out at its horizon (terminator_factor). Interfaces that transmit do not: they use the
+  /// normals as they were before they were bent.
+  void set_horizon(const Vec3f& ng) {
+    horizon_ = ng;
+    has_horizon_ = true;
   }
   /// Registers a shading frame for the lobes added after it; returns its index (an equal frame's, if there is one).
   /// More than kMaxFrames, kMaxLobes or kMaxLayers is an assertion failure: materials check their depth when they are
   /// built.
-  int add_frame(const Basis& frame);
-  /// Registers a frame that bump or normal mapping made from frame `parent`. Light must be on the same side of both
-  /// normals, and is attenuated near the horizon of the parent [Estevez 2019], as in Mitsuba.
-  int add_perturbed_frame(const Basis& frame, int parent);
+  int add_frame(const Basis& frame) { return add_frame(frame, frame.n); }
+  /// The same for a frame whose normal was bent from `unbent`.
+  int add_frame(const Basis& frame, const Vec3f& unbent);
+  /// Registers a frame that bump or normal mapping made from frame `parent`, its normal perhaps bent from `unbent`.
+  /// Without a horizon light must be on the same side of both normals, and is attenuated near the horizon of the parent
+  /// [Estevez 2019], as in Mitsuba.
+  int add_perturbed_frame(const Basis& frame, int parent, const Vec3f& unbent);
   /// Frame `index` seen from behind: the normal (and nothing else) turned over.
   int add_flipped_frame(int index);
   /// Frame `index` turned about its normal so that the tangent is direction.x s + direction.y t (a unit vector).
@@ -123,6 +134,9 @@ class Bsdf {
   template <class L>
   void add(int frame, const L& lobe, float probability, float weight = 1, int layer = -1) {
     if (!(probability > 0)) return;
+    if constexpr (requires { lobe.transmits(); }) {
+      if (has_horizon_ && lobe.transmits()) frame = unbent_frame(frame);
+    }
     lobes_.push_made([&] {
       return Entry{Lobe(std::in_place_type<L>, lobe), probability, weight, std::uint8_t(frame), std::int8_t(layer)};
     });
@@ -158,9 +172,10 @@ class Bsdf {
   float rough_eta(const Vec3f& wo) const;
   /// Whether next-event estimation can contribute: some lobe is not a delta.
   bool has_non_delta() const { return has_non_delta_; }
-  /// Directional-hemispherical reflectance (and transmittance) of the lobes of one event for `wo`: closed form or a
-  /// tabulated/approximate albedo for rough lobes. For feature layers, never for transport.
-  Rgb albedo(const Vec3f& wo, Event event) const;
+  /// Share of the light from everywhere that reaches `wo`: directional reflectance and transmittance, in terms of power
+  /// (without the 1/eta^2 of radiance), so 1 for clear glass. In closed form or from tables, within 0.03, and 0.08 for
+  /// anisotropic facets. For feature layers, never for transport.
+  Rgb albedo(const Vec3f& wo) const;
   int size() const { return lobes_.size(); }
   const Lobe& lobe(int i) const { return lobes_[i].lobe; }
   /// Probability of choosing lobe i.
@@ -169,6 +184,7 @@ class Bsdf {
   const Basis& frame(int i) const { return frames_[lobes_[i].frame].basis; }
   /// Frame `index` as returned by add_frame, and the index of the unperturbed frame that it was made from.
   const Basis& frame_basis(int index) const { return frames_[index].basis; }
+  const Vec3f& unbent_normal(int index) const { return frames_[index].unbent; }
   int root_frame(int index) const {
     while (frames_[index].parent >= 0) index = frames_[index].parent;
     return index;
@@ -183,11 +199,16 @@ class Bsdf {
   };
   struct Frame {
     Basis basis;
+    Vec3f unbent;         ///< normal that basis.n was bent from
+    float n_ng;           ///< cosine between basis.n and the horizon's normal; 0: light does not fade at the horizon
     float shadow_alpha2;  ///< roughness of the bump shadowing term
     float orientation;    ///< -1 if the normal was turned over against the parent's
     std::int8_t parent;   ///< -1: not perturbed
+    bool attenuates;      ///< frame_factor is not always 1
   };
-  float frame_factor(const Frame& frame, const Vec3f& wi) const;
+  Frame made_frame(const Basis& basis, const Vec3f& unbent) const;
+  int unbent_frame(int index);
+  float frame_factor(const Frame& frame, const Vec3f& wi, float roughness) const;
   float layer_factor(int layer, const Vec3f& wo, const Vec3f& wi) const;
   template <class L>
   void accumulate(const L& lobe, const Entry& entry, const Vec3f& wo, const Vec3f& wi, const Vec3f& local_wo,
@@ -195,10 +216,12 @@ class Bsdf {
   void accumulate_all(const Vec3f& wo, const Vec3f& wi, int skip, BsdfEval& out) const;
 
   detail::FixedStack<Entry, kMaxLobes> lobes_;
-  detail::FixedStack<Frame, kMaxFrames> frames_;
+  detail::FixedStack<Frame, 2 * kMaxFrames> frames_;  // each may have an unbent twin
   detail::FixedStack<BsdfLayer, kMaxLayers> layers_;
   float total_probability_ = 0;
   bool has_non_delta_ = false;
+  bool has_horizon_ = false;
+  Vec3f horizon_;
 };
 
 }  // namespace tempera

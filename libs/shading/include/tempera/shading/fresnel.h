@@ -137,11 +137,14 @@ struct PrincipledFresnel {
     const float s = schlick_weight_interface(c, eta);
     f += metallic * (base_color * (1 - s) + Rgb(s));
     if (spec_tint > 0) {
-      const float y = luminance(base_color);
-      const Rgb tint = (y > 0 ? base_color / y : Rgb(1.0f)) * reflectance_at_normal(eta);
-      f += (1 - metallic) * spec_tint * (tint * (1 - s) + Rgb(s));
+      f += (1 - metallic) * spec_tint * (tinted_f0() * (1 - s) + Rgb(s));
     }
     return f;
+  }
+  /// Reflectance at normal incidence in the hue of the base color.
+  Rgb tinted_f0() const {
+    const float y = luminance(base_color);
+    return (y > 0 ? base_color / y : Rgb(1.0f)) * reflectance_at_normal(eta);
   }
   Rgb transmit(float c) const {
     return sqrt(base_color) * (transmission * (1 - dielectric_interface(c, eta).reflectance));

@@ -53,6 +53,7 @@ struct RoughTransmittance {
   static constexpr int kSize = 64;
   std::array<float, kSize> external;  ///< at cosines i / (kSize - 1)
   float internal_reflectance = 0;
+  float mean = 0;  ///< of `external`, weighted by the cosine
   float at(float cosine) const {
     const float x = cosine * (kSize - 1);
     const int i = std::min(int(x), kSize - 2);

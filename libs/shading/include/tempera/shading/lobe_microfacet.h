@@ -39,6 +39,10 @@ struct RoughInterfaceLobe {
   Microfacet microfacet;
   Fresnel fresnel;
   float roughness() const { return microfacet.roughness(); }
+  bool transmits() const {
+    if constexpr (requires { fresnel.transmission; }) return fresnel.transmission > 0;
+    return true;
+  }
 
   LobeEval eval(const Vec3f& wo, const Vec3f& wi) const {
     if (wo.z == 0 || wi.z == 0) return {};
@@ -90,6 +94,7 @@ struct RoughPassageLobe {
   Microfacet microfacet;
   Fresnel fresnel;
   float roughness() const { return microfacet.roughness(); }
+  bool transmits() const { return true; }
 
   LobeEval eval(const Vec3f& wo, const Vec3f& wi) const {
     if (!(wo.z * wi.z < 0)) return {};

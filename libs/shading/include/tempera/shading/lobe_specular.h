@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Delta lobes: mirror reflection, refraction, and straight passage through a thin sheet.
+// Delta lobes: mirror reflection, refraction, and straight passage through a thin sheet. `transmits` tells those that
+// belong to an interface that lets light through.
 #include <cmath>
 
 #include "tempera/shading/fresnel.h"
@@ -19,8 +20,9 @@ template <class Fresnel>
 struct MirrorLobe {
   static constexpr bool kDelta = true;
   Fresnel fresnel;
-  bool both_sides = false;
+  bool both_sides = false;  ///< of an interface that transmits
   float roughness() const { return 0; }
+  bool transmits() const { return both_sides; }
   DeltaSample sample(const Vec3f& wo) const {
     if (wo.z == 0 || (wo.z < 0 && !both_sides)) return {};
     return {{-wo.x, -wo.y, wo.z}, fresnel.reflect(wo.z), 1, true};
@@ -33,6 +35,7 @@ struct RefractionLobe {
   static constexpr bool kDelta = true;
   Fresnel fresnel;
   float roughness() const { return 0; }
+  bool transmits() const { return true; }
   DeltaSample sample(const Vec3f& wo) const {
     const DielectricInterface face = dielectric_interface(wo.z, fresnel.eta);
     if (wo.z == 0 || face.cos_t == 0) return {};
@@ -47,6 +50,7 @@ struct PassageLobe {
   static constexpr bool kDelta = true;
   Fresnel fresnel;
   float roughness() const { return 0; }
+  bool transmits() const { return true; }
   DeltaSample sample(const Vec3f& wo) const {
     if (wo.z == 0) return {};
     return {-wo, fresnel.transmit(std::abs(wo.z)), 1, true};

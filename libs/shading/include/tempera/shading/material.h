@@ -35,6 +35,19 @@ class Material {
 };
 using MaterialPtr = std::shared_ptr<const Material>;
 
+/// The same as make_bsdf for a point whose normals are to be bent.
+void make_bent_bsdf(const Material& material, const ShadingPoint& point, Bsdf& bsdf);
+/// Fills `bsdf` with the lobes of `material` at `point` as an eye path sees them: where ShadingPoint::bends says so,
+/// with normals bent for the viewer `point.wo` (bend_normal) after bump and normal mapping, and light that fades out at
+/// the horizon. A light path, or one that shall be followed backwards, leaves `bends` false.
+inline void make_bsdf(const Material& material, const ShadingPoint& point, Bsdf& bsdf) {
+  bsdf.clear();
+  if (point.bends)
+    make_bent_bsdf(material, point, bsdf);
+  else
+    material.add_lobes(point, 1, bsdf);
+}
+
 /// Roughness of a microfacet surface; smooth (delta) when `rough` is false. alpha is clamped to at least 1e-4.
 struct Roughness {
   bool rough = false;
@@ -97,7 +110,11 @@ struct MetallicRoughnessParams {
   bool thin_walled = true;                              ///< no KHR_materials_volume, or thickness 0
   Rgb attenuation_color{1.0f};
   float attenuation_distance = kInfinity;  ///< metres
-  bool double_sided = false;
+  bool double_sided = true;                ///< false: black from behind unless it transmits
+  /// How the base color tints what passes through a solid. false: at each crossing of its surface, as glTF says
+  /// [KHR_materials_volume, "Base Color and Absorption"]. true: once in all, by its square root at each crossing, as
+  /// Cycles does.
+  bool tints_once = false;
   bool use_vertex_color = false;
 };
 MaterialPtr make_metallic_roughness(const MetallicRoughnessParams& params);

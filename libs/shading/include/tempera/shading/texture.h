@@ -10,6 +10,7 @@
 
 #include "tempera/core/animated.h"
 #include "tempera/core/error.h"
+#include "tempera/core/log.h"
 #include "tempera/core/vec.h"
 
 namespace tempera {
@@ -29,6 +30,10 @@ struct ShadingPoint {
   double time = 0;       ///< seconds on the shot's axis
   Vec2f duv_dx, duv_dy;  ///< texture footprint of a pixel step; zero: no filtering
   int bsdf_frame = -1;   ///< index of `frame` in the Bsdf that materials are filling; -1: not registered yet
+  /// Whether make_bsdf bends shading normals for the viewer. Materials then see a `frame` that is bent, and in `unbent`
+  /// the normal that it was made from; elsewhere the two normals are the same.
+  bool bends = false;
+  Vec3f unbent;
 };
 
 /// A value over surfaces. Threads: const and re-entrant.
@@ -72,7 +77,8 @@ struct Slot {
 
 enum class Wrap { kRepeat, kClamp, kMirror, kBlack };
 enum class TextureFilter { kNearest, kBilinear, kMipmap };
-/// How stored numbers become values: kAuto decodes 8-bit color images from sRGB and leaves float images alone.
+/// How stored numbers become values: kAuto converts from the color space that the file states (see color_space.h),
+/// kSrgb takes any file as sRGB, kLinear takes numbers as they are stored: for data.
 enum class ColorEncoding { kAuto, kSrgb, kLinear };
 
 /// u,v -> (a u + b v + c, d u + e v + f).
@@ -94,6 +100,10 @@ struct ImageTextureParams {
   int uv_set = 0;         ///< 0 or 1
   Channel channel = Channel::kRgb;
   bool invert = false;  ///< 1 - value
+  /// Heights may be below 0. All else that a texture says may not: negative texels are read as 0, as are infinite ones
+  /// and those that are no numbers, with one warning.
+  bool keep_negative = false;
+  Warnings* warnings = nullptr;  ///< takes that warning; null: it is logged
 };
 /// Texture from an image file through OpenImageIO.
 /// Errors: Error{kMissingFile} or Error{kBadInput} at `loc`.

@@ -45,6 +45,11 @@ struct CompareOptions {
   double trim = 0;  ///< part of the pixels, those with the largest errors, that squared errors leave out: in [0, 0.5]
   double cutoff = 0.25;  ///< cycles per frame above which residuals count as flicker: in (0, 0.5)
   std::string motion;    ///< files with motion.backward (and motion.forward) of the reference; empty: its own
+  /// Pattern of a second reference whose noise is independent of that of the first (another seed); empty: there is
+  /// none. The mean of both is the reference then, and squared metrics (MetricInfo::squared) are without its noise:
+  /// ((T - R1)^2 + (T - R2)^2 - (R1 - R2)^2) / 2 = (T - R)^2 - (R1 - R)^2, so that they estimate the error to the truth
+  /// and may be below 0 where that is small. Metrics of displayed pictures take the mean of what is displayed.
+  std::string reference2;
   std::int64_t spectrum_memory = std::int64_t(1) << 30;  ///< bytes at most; beyond that fewer pixels are looked at
 };
 
@@ -57,17 +62,21 @@ struct MetricSeries {
   /// Part of the pixels that counted in each frame, in [0,1]; empty if the metric looks at all of them.
   std::vector<double> coverage;
   /// Of the sequence: for metrics of frames the mean over those that have a value, except for psnr, which is that of
-  /// the mean squared error. Its standard error is that over the runs if there are several, otherwise over the frames
-  /// as if they were independent; `count` is how many of them it stands on.
+  /// the mean squared error (and flicker_display, the root of the mean over runs). Its standard error is that over the
+  /// runs if there are several, otherwise over the frames as if they were independent; `count` is how many of them it
+  /// stands on.
   MeanError mean;
 };
 
-/// The power of the residual (luminance of test minus reference) over temporal frequency, averaged over pixels.
-/// Welch's method with a Hann window: the powers add up to the mean of the squared residual, weighted by the window.
+/// The power of the residual (luminance of test minus reference) over temporal frequency, averaged over pixels, without
+/// the noise of two references. Welch's method with a Hann window: the powers add up to the mean of the squared
+/// residual, weighted by the window.
 struct ResidualSpectrum {
-  std::string id;                 ///< of the metric that is its part above the cutoff: "flicker", "flicker_tracked"
+  /// Of the metric that is its part above the cutoff, "flicker" or "flicker_tracked", or the root of that,
+  /// "flicker_display".
+  std::string id;
   std::vector<double> frequency;  ///< cycles per frame, from 0 to at most 0.5
-  std::vector<double> power;      ///< squared luminance, of each frequency
+  std::vector<double> power;      ///< squared luminance, for flicker_display in units of (1/255)^2, of each frequency
   int segment_frames = 0;         ///< length of a segment
   int segments = 0;               ///< how many, overlapping by half
   double coverage = 1;            ///< part of the pixels that was looked at
@@ -93,9 +102,13 @@ struct CompareResult {
   std::string reference;
   CompareOptions options;  ///< that it was made with
   int width = 0, height = 0;
-  double fps = 0;             ///< as the reference's files say; 0 if they do not
-  MeanError reference_error;  ///< relmse of the reference itself, from color.a and color.b in its files; else undefined
+  double fps = 0;  ///< as the reference's files say; 0 if they do not
+  /// relmse of the reference itself, from two references or from color.a and color.b in its files; else undefined.
+  MeanError reference_error;
   std::vector<const MetricInfo*> metrics;  ///< that were measured, in the order of the catalog
+  /// With two references, of each metric: what their noise amounts to and was taken out; undefined for metrics that are
+  /// not squared. Empty with one.
+  std::vector<double> reference_noise;
   std::vector<CompareSide> sides;
   std::vector<std::string> notes;  ///< what a reader of the figures should know, a sentence each
 };
@@ -123,21 +136,24 @@ using CompareProgress = std::function<void(int done, int total)>;
 /// the tests (a converged picture of a still scene).
 /// Result:  the same bits on any number of threads. Each file is read once.
 /// Memory:  independent of the number of frames: a few layers for each run, and `spectrum_memory`.
-/// Errors:  Error{kBadInput} if a test has no frame in common with the reference, the sizes of a pair differ (naming
-///          both files), or a metric that was asked for by name lacks what it needs; Error{kUnknownName} for unknown
-///          metrics; Error{kOutOfRange} for options; those of read_frame.
+/// Errors:  Error{kBadInput} if a test has no frame in common with the reference, the second reference lacks one of
+///          these or is the first, the sizes of a pair differ (naming both files), or a metric that was asked for by
+///          name lacks what it needs; Error{kUnknownName} for unknown metrics; Error{kOutOfRange} for options; those of
+///          read_frame.
 CompareResult compare_sequences(const std::vector<CompareInput>& tests, const FrameSequence& reference,
                                 const CompareOptions& options = {}, const CompareProgress& progress = {},
                                 CompareObserver* observer = nullptr);
 
-/// {"reference", "layer", "width", "height", "fps", "reference_error": {"relmse", "confidence_95"}, "settings": {...},
-/// "notes": [...], "metrics": [{"id", "title", "unit", "scope", "better", "formula", "source", "trim"}], "sides":
+/// {"reference", "reference2", "layer", "width", "height", "fps", "reference_error": {"relmse", "confidence_95"},
+/// "reference_noise": {id: ...}, "settings": {...}, "notes": [...], "metrics": [{"id", "title", "unit", "scope",
+/// "better", "formula", "source", "trim", "noise_removed"}], "sides":
 /// [{"name", "label", "runs", "frames": [...], "mean": {id: ...}, "standard_error": {...}, "confidence_95": {...},
 /// "values": {id: [one of each frame]}, "coverage", "spectra", "non_finite", "unmatched", "missing"}]}. What has no
 /// value, or an infinite one, is null.
 std::string to_json(const CompareResult& result);
 /// A line "name,frame,<id of each metric>,non_finite" for each frame (a trimmed metric is "relmse[without 0.1%]"), and
-/// lines with frame "mean" and "standard_error" for each side; what has no value is empty.
+/// lines with frame "mean" and "standard_error" for each side; what has no value is empty. With two references a line
+/// "reference,noise" says what was taken out.
 std::string to_csv(const CompareResult& result);
 /// The means as a table for people: a metric a line, with their 95 % confidence and the ratio to the first side.
 std::string to_table(const CompareResult& result);

@@ -40,8 +40,11 @@ struct MetricInfo {
   MetricScope scope = MetricScope::kFrame;
   MetricBetter better = MetricBetter::kLower;
   MetricNeeds needs = MetricNeeds::kNothing;
-  bool has_map = false;     ///< whether there is a value per pixel
-  bool trims = false;       ///< whether the largest values can be left out (CompareOptions::trim)
+  bool has_map = false;  ///< whether there is a value per pixel
+  bool trims = false;    ///< whether the largest values can be left out (CompareOptions::trim)
+  /// Whether it follows from the mean square of a difference from the reference, to which the reference's own noise
+  /// adds; a second reference takes that out (CompareOptions::reference2).
+  bool squared = false;
   bool is_default = false;  ///< whether it is measured unless others are asked for
 };
 

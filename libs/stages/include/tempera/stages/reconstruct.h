@@ -5,7 +5,9 @@
 //
 // Layers read of a frame t: `color`, `grad.x`, `grad.y` (the base pass B_t), and for sequences `offset.color`,
 // `offset.grad.x`, `offset.grad.y` (the offset pass O_t, which replays the random numbers of frame t - 1),
-// `offset.source` (the pixel of frame t - 1 whose numbers a pixel replays) and `offset.samples`.
+// `offset.source` (the pixel of frame t - 1 whose numbers a pixel replays) and `offset.samples`. Where the light of
+// rare paths is solved for apart: `rare.color`, `rare.grad.x`, `rare.grad.y` and `held.color` of both passes, or of one
+// with `rare.a` and `rare.b`; and, as far as they are there, `samples`, `albedo`, `normal` and `object_id`.
 #include <functional>
 #include <optional>
 #include <span>
@@ -47,8 +49,8 @@ bool has_differences(std::span<const LayerDesc> layers);
 std::vector<int> reconstruction_inputs(std::span<const int> frames, const FrameRange& sequence, const Params& params,
                                        std::span<const LayerDesc> layers);
 
-/// Whether the output holds this layer of the input: neither data of the reconstruction nor statistics of the input's
-/// `color`.
+/// Whether the output holds this layer of the input: neither data of the reconstruction, nor statistics or parts
+/// (class.*) of the input's `color`, which are not those of the solution.
 bool survives_reconstruction(const std::string& layer);
 
 struct ReconstructOptions {
@@ -64,13 +66,18 @@ struct ReconstructOptions {
 
 struct ReconstructReport {
   std::vector<int> frames;   ///< written
-  std::vector<int> skipped;  ///< found finished
+  std::vector<int> skipped;  ///< already finished
   std::vector<int> cuts;     ///< first frames after a cut, among those that were read
+  /// Of the light of the written frames: the share that was kept apart, and that which was held back. 0 if all light
+  /// was solved for together.
+  double rare_light = 0, held_back = 0;
   double seconds = 0;
 };
 
-/// Writes the frames of `input` to `output` (a pattern; a plain name for a single file): `color` is the solution, with
-/// the input's alpha; other layers are copied if they survive_reconstruction.
+/// Writes the frames of `input` to `output` (see frame_path; a name without a place for the number for one frame):
+/// `color` is the solution, with the input's alpha; other layers are copied if they survive_reconstruction. With rare light apart: `color` has no
+/// negative values; `color.common` and `color.rare` are its two parts, the second one before it was smoothed; the
+/// metadata tempera/rare_light and tempera/held_back are the shares of the report, frame by frame.
 /// Result:  a function of the input files and parameters: the same bits for any number of threads, any choice of
 ///          frames, and after any interruption, as long as all frames of the windows are there.
 /// Memory:  the frames of one window, whatever the length of the sequence.

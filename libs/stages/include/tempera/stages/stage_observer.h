@@ -10,7 +10,7 @@ namespace tempera {
 class StageObserver {
  public:
   virtual ~StageObserver() = default;
-  /// Frames that will be written, in order, and those that were found finished.
+  /// Frames that will be written, in order, and those that are already finished.
   virtual void begin(const std::vector<int>& /*frames*/, const std::vector<int>& /*skipped*/) {}
   /// Share of the work that is done, in [0, 1], never falling.
   virtual void progress(double /*share*/) {}
