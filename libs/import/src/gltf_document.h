@@ -81,15 +81,11 @@ class GltfDocument {
   InputFiles& files() const { return files_; }
   /// Version of Blender's exporter that wrote the file, as major * 100 + minor; 0: another program.
   int blender_version() const { return blender_version_; }
-<<<<<<< HEAD
   void warn(const std::string& what, const Json& where) const { warn(what, where.loc()); }
   void warn(const std::string& what, const SourceLoc& where) const { warnings_.add(what, where); }
   /// Warns of accessors and buffer views that cannot be read and that nothing has asked for.
   void warn_of_unread() const;
-=======
-  void warn(const std::string& what, const Json& where) const;
   Warnings& warnings() const { return warnings_; }
->>>>>>> main
 
  private:
   struct View {

@@ -662,13 +662,8 @@ std::filesystem::path Document::find_file(const std::string& name, const Place& 
   for (const std::filesystem::path& folder : folders_)
     if (std::filesystem::path file = named_file(folder, name); std::filesystem::exists(file, failed)) return file;
   // Parts that were included may also count from their own folder.
-<<<<<<< HEAD
-  std::filesystem::path beside = named_file(files_[std::size_t(place.file)].path.parent_path(), name);
-  return std::filesystem::exists(beside, failed) ? beside : named_file(folders_.back(), name);
-=======
-  const std::filesystem::path sibling = files_[std::size_t(place.file)].path.parent_path() / path;
-  return std::filesystem::exists(sibling, failed) ? sibling : folders_.back() / path;
->>>>>>> main
+  std::filesystem::path sibling = named_file(files_[std::size_t(place.file)].path.parent_path(), name);
+  return std::filesystem::exists(sibling, failed) ? sibling : named_file(folders_.back(), name);
 }
 
 }  // namespace tempera::mitsuba
