@@ -28,7 +28,10 @@ void use(Mesh mesh, std::string_view input) {
 }  // namespace
 
 void obj(std::string_view input) {
-  expect_bad_input_only([&] { use(read_obj(input, "input.obj"), input); });
+  expect_bad_input_only([&] {
+    Warnings warnings;
+    use(read_obj(input, "input.obj", warnings), input);
+  });
 }
 
 void ply(std::string_view input) {

@@ -13,6 +13,7 @@
 #include "gltf_document.h"
 #include "gltf_material.h"
 #include "gltf_mesh.h"
+#include "singular.h"
 
 namespace tempera {
 namespace {
@@ -95,6 +96,7 @@ class GltfImporter {
   void add_light(int node, int index);
   int add_node(Node node);
   int add_turned_child(int parent, const std::string& name);
+  int add_turned_child(int parent, Affine3d world, const std::string& name);
   Json node_json(int node) const { return document_.list("nodes").at(std::size_t(node)); }
 
   InputFiles files_;
@@ -127,6 +129,7 @@ Scene GltfImporter::load() {
   }
   if (scene_.instances.empty()) document_.warn("the scene shows no geometry", document_.root());
   animations_.warn_unused();
+  document_.warn_of_unread();
   scene_.animation = animations_.span();
   scene_.animation_names = animations_.names();
   scene_.content_hash = files_.hash();
@@ -205,7 +208,8 @@ AnimatedTransform GltfImporter::node_transform(const Json& json, int node) {
   const Track* moving_t = animations_.find(pointer + "/translation", 3);
   const Track* moving_r = animations_.find(pointer + "/rotation", 4);
   const Track* moving_s = animations_.find(pointer + "/scale", 3);
-  if (!moving_t && !moving_r && !moving_s) return compose(translation, rotation, scale);
+  const bool flat = s[0] == 0 || s[1] == 0 || s[2] == 0;  // a matrix would lose the rotation, which cameras need
+  if (!moving_t && !moving_r && !moving_s && !flat) return compose(translation, rotation, scale);
   AnimatedTransform animated;
   animated.keyed = true;
   animated.translation = moving_t ? map_linear<Vec3d>(*moving_t, to_vec3d) : Animated<Vec3d>(translation);
@@ -395,6 +399,7 @@ void GltfImporter::add_instances(const Use& use, int group) {
 void GltfImporter::add_gpu_instances(const Json& extension, const Instance& instance) {
   const Json attributes = extension["attributes"].required().object();
   std::size_t count = 0;
+  bool any = false;
   const auto read = [&](const char* name, const char* shape, bool fraction) {
     const Json index = attributes[name];
     std::vector<float> values;
@@ -402,9 +407,9 @@ void GltfImporter::add_gpu_instances(const Json& extension, const Instance& inst
     const Accessor& a = document_.accessor(index, shape);
     if (fraction ? !a.is_fraction() : !a.is_float())
       index.fail(fmt::format("cannot be of component type {}", int(a.type)));
-    if (count != 0 && a.count != count)
-      index.fail(fmt::format("has {} elements, another attribute {}", a.count, count));
+    if (any && a.count != count) index.fail(fmt::format("has {} elements, another attribute {}", a.count, count));
     count = a.count;
+    any = true;
     files_.charge(a.count * std::size_t(a.components) * sizeof(float), index.loc());
     values = document_.floats(a);
     for (const float v : values)
@@ -413,7 +418,8 @@ void GltfImporter::add_gpu_instances(const Json& extension, const Instance& inst
   };
   const auto t = read("TRANSLATION", "VEC3", false), r = read("ROTATION", "VEC4", true),
              s = read("SCALE", "VEC3", false);
-  if (count == 0) attributes.fail("has none of TRANSLATION, ROTATION and SCALE");
+  if (!attributes["TRANSLATION"] && !attributes["ROTATION"] && !attributes["SCALE"])
+    attributes.fail("has none of TRANSLATION, ROTATION and SCALE");
   for (std::size_t i = 0; i < count; ++i) {
     Node node;
     node.parent = instance.node;
@@ -428,16 +434,28 @@ void GltfImporter::add_gpu_instances(const Json& extension, const Instance& inst
   }
 }
 
-/// A child of `parent` that looks along the parent's -z. glTF ignores the scale of the nodes of cameras and lights:
-/// this undoes the one at time 0. Returns -1 if the parent's transform is singular then.
+/// A node for a camera or light at a node, that looks along its -z. glTF ignores the scale of the nodes of cameras and
+/// lights. A node's own scale is left out if it moves or is 0; any other, and that of the nodes above, is undone as it
+/// is at time 0. Returns -1 if that is not possible: the nodes above are singular then, or a matrix is.
 int GltfImporter::add_turned_child(int parent, const std::string& name) {
-  Affine3d m = world_[std::size_t(parent)];
+  const AnimatedTransform& local = scene_.nodes[std::size_t(parent)].local;
+  if (local.keyed && (!local.scale.is_constant() || is_singular(scale(local.scale.at(0))))) {
+    Node unscaled = scene_.nodes[std::size_t(parent)];
+    unscaled.local.scale = Vec3d{1, 1, 1};
+    const Affine3d above = unscaled.parent < 0 ? Affine3d{} : world_[std::size_t(unscaled.parent)];
+    const Affine3d world = above * unscaled.local.at(0);
+    return add_turned_child(add_node(std::move(unscaled)), world, name);
+  }
+  return add_turned_child(parent, world_[std::size_t(parent)], name);
+}
+
+int GltfImporter::add_turned_child(int parent, Affine3d m, const std::string& name) {
   m.translation = {};
   const Vec3d z = normalize(m.z), x = normalize(cross(m.y, z));
   const Affine3d unscale = inverse(m) * Affine3d{x, cross(z, x), z};
   const double change =
       length(unscale.x - Vec3d{1, 0, 0}) + length(unscale.y - Vec3d{0, 1, 0}) + length(unscale.z - Vec3d{0, 0, 1});
-  if (!std::isfinite(change)) return -1;
+  if (!std::isfinite(change) || is_singular(m)) return -1;
   Node node;
   node.parent = parent;
   node.name = name;
@@ -457,7 +475,7 @@ void GltfImporter::add_camera(int node, int camera) {
   if (c.name.empty() || std::any_of(scene_.cameras.begin(), scene_.cameras.end(), taken))
     c.name = fmt::format("camera{}", scene_.cameras.size());
   c.node = add_turned_child(scene_node_[std::size_t(node)], c.name);
-  if (c.node < 0) node_json(node).fail("the world transform of a camera is singular");
+  if (c.node < 0) return document_.warn("cameras at nodes with a singular transform are left out", node_json(node));
   c.keep_vertical_fov = true;
 
   const Json type = json["type"].required();

@@ -9,142 +9,45 @@
 namespace tempera {
 namespace {
 
-/// Pointer of what a channel drives, or nothing if it says no node: such channels are for extensions and are ignored.
-std::optional<std::string> target_pointer(const GltfDocument& document, const Json& channel, std::string& path) {
-  const Json target = channel["target"].required().object();
-  path = target["path"].required().string();
-  const Json extension = target["extensions"].object()["KHR_animation_pointer"].object();
-  if (path == "pointer" && extension) return std::string(extension["pointer"].required().string());
-  const Json nodes = document.list("nodes");
-  const int node = target["node"].optional_index(nodes.size(), "nodes");
-  if (path != "translation" && path != "rotation" && path != "scale" && path != "weights") {
-    document.warn(fmt::format("animation path \"{}\" is ignored", path), target["path"]);
-    return std::nullopt;
+constexpr double kMaxTime = 1e9;    // seconds; what lies beyond is damage, and no one's thirty years
+constexpr float kMaxValue = 1e30f;  // as for values at rest
+
+/// An error's message without the JSON pointer before it: one warning for all channels with the same fault.
+std::string without_pointer(const std::string& message) {
+  const std::size_t end = message.find(": ");
+  return message.starts_with('/') && end != message.npos ? message.substr(end + 2) : message;
+}
+
+/// Calls `f`, and passes what is wrong with its part of the file to `complain` (message, place).
+template <class F, class Complain>
+void forgive(F f, Complain complain) {
+  try {
+    f();
+  } catch (const Error& e) {
+    if (e.code() == ErrorCode::kOutOfMemory) throw;
+    complain("animation channels that cannot be understood are ignored: " + without_pointer(e.message()), e.loc());
   }
-  if (node < 0) {
-    document.warn("animation channel without a node is ignored", target);
-    return std::nullopt;
-  }
-  const Json json = nodes.at(std::size_t(node)).object();
-  if (path == "weights") {
-    const int mesh = json["mesh"].optional_index(document.count("meshes"), "meshes");
-    const Json primitives =
-        mesh < 0 ? Json() : document.list("meshes").at(std::size_t(mesh)).object()["primitives"].array();
-    if (primitives.size() == 0 || primitives.at(0).object()["targets"].size() == 0)
-      target.fail(fmt::format("drives the weights of nodes[{}], which has no mesh with morph targets", node));
-  } else if (json["matrix"]) {
-    target.fail(fmt::format("drives the {} of nodes[{}], which has a matrix instead of translation, rotation and scale",
-                            path, node));
-  }
-  return fmt::format("/nodes/{}/{}", node, path);
+}
+
+/// "translation", "rotation", "scale" or "weights" if that is what a pointer names.
+std::string node_path(const std::string& pointer) {
+  if (!pointer.starts_with("/nodes/") && !pointer.starts_with("/meshes/")) return {};
+  const std::string last = pointer.substr(pointer.rfind('/') + 1);
+  return std::count(pointer.begin(), pointer.end(), '/') == 3 &&
+                 (last == "translation" || last == "rotation" || last == "scale" || last == "weights")
+             ? last
+             : "";
 }
 
 }  // namespace
 
-void Track::expect_width(std::size_t n) const {
-  if (width != n) json.fail(fmt::format("has {} numbers a key, but what it drives has {}", width, n));
-}
-
 GltfAnimations::GltfAnimations(const GltfDocument& document, const std::string& name) : document_(document) {
   const Json list = document.list("animations");
   if (list && list.size() == 0) document.warn("an empty list of animations is no valid glTF", list);
-  std::vector<Clip> clips;
   for (std::size_t i = 0; i < list.size(); ++i) {
-    clips.push_back(read_clip(list.at(i).object()));
     names_.emplace_back(list.at(i)["name"].string());
     if (names_.back().empty()) names_.back() = std::to_string(i);
   }
-  select(std::move(clips), name);
-}
-
-GltfAnimations::Clip GltfAnimations::read_clip(const Json& json) const {
-  Clip clip{json, {}};
-  const Json channels = json["channels"].required().array(), samplers = json["samplers"].required().array();
-  if (channels.size() == 0) channels.fail("an animation has at least one channel");
-  if (samplers.size() == 0) samplers.fail("an animation has at least one sampler");
-  for (std::size_t i = 0; i < channels.size(); ++i) {
-    const Json channel = channels.at(i).object();
-    std::string path;
-    const std::optional<std::string> pointer = target_pointer(document_, channel, path);
-    Track track = read_track(channel, samplers, path);
-    if (!pointer) continue;
-    if (!clip.tracks.emplace(*pointer, std::move(track)).second)
-      channel["target"].fail(fmt::format("a second channel of this animation drives {}", *pointer));
-  }
-  return clip;
-}
-
-Track GltfAnimations::read_track(const Json& channel, const Json& samplers, const std::string& path) const {
-  const Json sampler = samplers.at(std::size_t(channel["sampler"].index(samplers.size(), "samplers"))).object();
-  Track track;
-  track.json = channel;
-  const Json mode = sampler["interpolation"];
-  const std::string_view interpolation = mode.string("LINEAR");
-  if (interpolation == "STEP")
-    track.interpolation = Interpolation::kStep;
-  else if (interpolation == "LINEAR")
-    track.interpolation = Interpolation::kLinear;
-  else if (interpolation == "CUBICSPLINE")
-    track.interpolation = Interpolation::kCubic;
-  else
-    mode.fail(fmt::format("\"{}\" is no interpolation; valid: STEP, LINEAR, CUBICSPLINE", interpolation));
-  const bool cubic = track.interpolation == Interpolation::kCubic;
-
-  const Accessor& input = document_.accessor(sampler["input"].required(), "SCALAR");
-  if (!input.is_float()) sampler["input"].fail("key times are not floats");
-  if (!input.json["min"] || !input.json["max"])
-    document_.warn("key times without min and max are no valid glTF", input.json);
-  const std::vector<float> times = document_.floats(input);
-  // Without data the times are all zero; the glTF validator lets that pass, and so the test files do it. Such a track
-  // has no motion: its first key stands for all.
-  const bool no_data = input.view < 0 && !input.json["sparse"];
-  for (std::size_t i = 0; i < times.size(); ++i) {
-    if (!std::isfinite(times[i]) || times[i] < 0 || (i > 0 && !no_data && !(times[i] > times[i - 1])))
-      sampler["input"].fail(ErrorCode::kOutOfRange,
-                            fmt::format("key {} is at {} s; times increase strictly from 0 or later", i, times[i]));
-  }
-  if (cubic && times.size() < 2) sampler["input"].fail("a cubic spline has at least two keys");
-  track.times.assign(times.begin(), times.end());
-
-  const bool rotation = path == "rotation", weights = path == "weights",
-             vec3 = path == "translation" || path == "scale";
-  const Accessor& output = document_.accessor(sampler["output"].required(), rotation  ? "VEC4"
-                                                                            : vec3    ? "VEC3"
-                                                                            : weights ? "SCALAR"
-                                                                                      : "SCALAR|VEC2|VEC3|VEC4");
-  if (vec3 ? !output.is_float() : (rotation || weights) && !output.is_fraction())
-    sampler["output"].fail(fmt::format("an accessor of component type {} cannot drive a {}", int(output.type), path));
-  track.values = document_.floats(output);
-  const std::size_t groups = times.size() * (cubic ? 3 : 1);
-  // Weights have as many values a key as there are morph targets, and so may what a pointer names.
-  if (output.count % groups != 0 || ((rotation || vec3) && output.count != groups))
-    sampler["output"].fail(fmt::format("has {} values for {} keys{}", output.count, times.size(),
-                                       cubic ? "; cubic splines have three a key" : ""));
-  track.width = output.count / groups * std::size_t(output.components);
-  for (std::size_t i = 0; i < track.values.size(); ++i)
-    if (!std::isfinite(track.values[i])) sampler["output"].fail(fmt::format("value {} is not finite", i / track.width));
-
-  if (rotation) {
-    for (std::size_t i = cubic ? 1 : 0; i < track.value_count(); i += cubic ? 3 : 1) {
-      float* q = &track.values[i * 4];
-      const float norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-      if (std::abs(norm - 1) > 0.02f)
-        document_.warn("rotation keys that are not unit quaternions are normalized", sampler["output"]);
-      if (cubic) continue;  // scaling the value without its tangents would bend the curve; the sum is normalized anyway
-      if (!(norm > 0))
-        q[3] = 1;
-      else
-        for (int c = 0; c < 4; ++c) q[c] /= norm;
-    }
-  }
-  if (no_data && track.times.size() > 1) {
-    track.times.erase(track.times.begin() + 1, track.times.end());
-    track.values.resize(track.width * (cubic ? 3 : 1));
-  }
-  return track;
-}
-
-void GltfAnimations::select(std::vector<Clip> clips, const std::string& name) {
   if (name == "none") return;
   if (!name.empty()) {
     auto found = std::find(names_.begin(), names_.end(), name);
@@ -152,23 +55,25 @@ void GltfAnimations::select(std::vector<Clip> clips, const std::string& name) {
         std::stoul(name) < names_.size())
       found = names_.begin() + std::ptrdiff_t(std::stoul(name));
     if (found == names_.end()) {
-      const Json list = document_.list("animations");
       const std::string known = names_.empty() ? "the file has no animations" : "known: " + nearest_names(name, names_);
       throw Error(ErrorCode::kUnknownName, list ? list.loc() : SourceLoc{document_.file().string()},
                   fmt::format("no animation \"{}\"; {}", name, known));
     }
-    tracks_ = std::move(clips[std::size_t(found - names_.begin())].tracks);
+    play(read_clip(list.at(std::size_t(found - names_.begin()))));
     return;
   }
   // A clip plays as a whole or not at all: a walk whose feet run is worse than no run.
+  std::set<std::string> driven;
   std::string skipped;
   Json first;
-  for (std::size_t i = 0; i < clips.size(); ++i) {
-    auto& tracks = clips[i].tracks;
-    if (std::none_of(tracks.begin(), tracks.end(), [&](const auto& t) { return tracks_.contains(t.first); })) {
-      tracks_.merge(tracks);
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    const Clip clip = read_clip(list.at(i));
+    if (std::none_of(clip.channels.begin(), clip.channels.end(),
+                     [&](const auto& c) { return driven.contains(c.first); })) {
+      for (const auto& [pointer, channel] : clip.channels) driven.insert(pointer);
+      play(clip);
     } else {
-      if (skipped.empty()) first = clips[i].json;
+      if (skipped.empty()) first = clip.json;
       skipped += (skipped.empty() ? "\"" : ", \"") + names_[i] + "\"";
     }
   }
@@ -179,14 +84,211 @@ void GltfAnimations::select(std::vector<Clip> clips, const std::string& name) {
         first);
 }
 
+/// What each channel of a clip drives. Nothing is said yet: clips that do not play may be as wrong as they like.
+GltfAnimations::Clip GltfAnimations::read_clip(const Json& json) const {
+  Clip clip{json, {}, {}};
+  const auto complain = [&](const std::string& what, const SourceLoc& where) {
+    clip.complaints.emplace_back(what, where);
+  };
+  const auto read = [&](const Json& channel) {
+    Channel c{channel, {}, 0};
+    const Json target = channel.object()["target"].required().object();
+    const std::string path(target["path"].required().string());
+    const Json extension = target["extensions"].object()["KHR_animation_pointer"].object();
+    std::string pointer;
+    if (path == "pointer" && extension) {
+      pointer = extension["pointer"].required().string();
+      c.path = node_path(pointer);
+    } else {
+      const Json nodes = document_.list("nodes");
+      const int node = target["node"].optional_index(nodes.size(), "nodes");
+      if (path != "translation" && path != "rotation" && path != "scale" && path != "weights")
+        return complain(fmt::format("animation path \"{}\" is ignored", path), target["path"].loc());
+      if (node < 0) return complain("animation channel without a node is ignored", target.loc());
+      const Json driven = nodes.at(std::size_t(node)).object();
+      if (path == "weights") {
+        const int mesh = driven["mesh"].optional_index(document_.count("meshes"), "meshes");
+        const Json primitives =
+            mesh < 0 ? Json() : document_.list("meshes").at(std::size_t(mesh)).object()["primitives"].array();
+        c.targets = primitives.size() == 0 ? 0 : primitives.at(0).object()["targets"].size();
+        if (c.targets == 0)
+          return complain("animations of weights of nodes that have no mesh with morph targets are ignored",
+                          target.loc());
+      } else if (driven["matrix"]) {
+        return complain("animations of nodes with a matrix instead of translation, rotation and scale are ignored",
+                        target.loc());
+      }
+      pointer = fmt::format("/nodes/{}/{}", node, path);
+      c.path = path;
+    }
+    if (!clip.channels.emplace(pointer, c).second)
+      complain("animation channels that drive what an earlier one of their animation drives are ignored", target.loc());
+  };
+  Json channels;
+  forgive([&] { channels = json["channels"].required().array(); }, complain);
+  if (channels && channels.size() == 0) complain("animations without channels are no valid glTF", channels.loc());
+  for (std::size_t i = 0; i < channels.size(); ++i) forgive([&] { read(channels.at(i)); }, complain);
+  return clip;
+}
+
+void GltfAnimations::play(const Clip& clip) {
+  const auto complain = [&](const std::string& what, const SourceLoc& where) { document_.warn(what, where); };
+  for (const auto& [what, where] : clip.complaints) complain(what, where);
+  for (const auto& [pointer, channel] : clip.channels) {
+    forgive(
+        [&] {
+          std::optional<Track> track = read_track(channel, clip.json["samplers"].required().array());
+          if (track) tracks_.emplace(pointer, std::move(*track));
+        },
+        complain);
+  }
+}
+
+std::optional<Track> GltfAnimations::read_track(const Channel& channel, const Json& samplers) const {
+  const Json sampler = samplers.at(std::size_t(channel.json["sampler"].index(samplers.size(), "samplers"))).object();
+  Track track;
+  track.json = channel.json;
+  const Json mode = sampler["interpolation"];
+  std::string interpolation(mode.string("LINEAR"));
+  const bool is_upper =
+      std::none_of(interpolation.begin(), interpolation.end(), [](char c) { return c >= 'a' && c <= 'z'; });
+  std::transform(interpolation.begin(), interpolation.end(), interpolation.begin(),
+                 [](char c) { return c >= 'a' && c <= 'z' ? char(c - 'a' + 'A') : c; });
+  if (interpolation == "STEP")
+    track.interpolation = Interpolation::kStep;
+  else if (interpolation == "LINEAR")
+    track.interpolation = Interpolation::kLinear;
+  else if (interpolation == "CUBICSPLINE")
+    track.interpolation = Interpolation::kCubic;
+  else
+    mode.fail(fmt::format("\"{}\" is no interpolation; valid: STEP, LINEAR, CUBICSPLINE", mode.string()));
+  if (!is_upper) document_.warn("names of interpolations in lower case are no valid glTF", mode);
+
+  const bool rotation = channel.path == "rotation", weights = channel.path == "weights",
+             vec3 = channel.path == "translation" || channel.path == "scale";
+  const Json in = sampler["input"].required(), out = sampler["output"].required();
+  const Accessor& input = document_.accessor(in, "SCALAR");
+  const Accessor& output = document_.accessor(out, rotation  ? "VEC4"
+                                                   : vec3    ? "VEC3"
+                                                   : weights ? "SCALAR"
+                                                             : "SCALAR|VEC2|VEC3|VEC4");
+  if (!input.is_float()) document_.warn("key times that are not floats are no valid glTF", in);
+  if (!input.json["min"] || !input.json["max"])
+    document_.warn("key times without min and max are no valid glTF", input.json);
+  if (vec3 ? !output.is_float() : (rotation || weights) && !output.is_fraction())
+    out.fail(fmt::format("an accessor of component type {} cannot drive a {}", int(output.type), channel.path));
+
+  // Numbers a key: those of one element, or of as many as there are morph targets; and so may what a pointer names
+  // have.
+  if (track.interpolation == Interpolation::kCubic && (rotation || vec3) && output.count == input.count &&
+      input.count > 0) {
+    document_.warn("cubic splines without tangents are taken as linear", out);
+    track.interpolation = Interpolation::kLinear;
+  }
+  const std::size_t parts = track.interpolation == Interpolation::kCubic ? 3 : 1;
+  std::size_t elements = 1;
+  if (!rotation && !vec3 && input.count > 0 && output.count > 0 && output.count % (input.count * parts) == 0)
+    elements = output.count / (input.count * parts);
+  else if (weights && channel.targets > 0)
+    elements = channel.targets;
+  const std::size_t keys = std::min(input.count, output.count / (elements * parts));
+  if (input.count != keys || output.count != keys * elements * parts)
+    document_.warn("animations with other numbers of key times than of values keep the keys that have both", out);
+  if (keys == 0) {
+    document_.warn("animation channels without keys are ignored", channel.json);
+    return std::nullopt;
+  }
+  track.width = elements * std::size_t(output.components);
+
+  // Without data the times are all zero; the glTF validator lets that pass, and so the test files do it. Such a track
+  // has no motion: its first key stands for all.
+  const bool no_data = input.view < 0 && !input.json["sparse"] && keys > 1;
+  if (no_data) document_.warn("animations whose key times have no data keep their first key", in);
+  const std::size_t kept = no_data ? 1 : keys;
+  const std::vector<float> times = document_.floats(input);
+  track.times.assign(times.begin(), times.begin() + std::ptrdiff_t(kept));
+  track.values = document_.floats(output);
+  track.values.resize(kept * parts * track.width);
+  tidy(track, rotation);
+  if (track.times.empty()) {
+    document_.warn("animation channels without keys are ignored", channel.json);
+    return std::nullopt;
+  }
+  return track;
+}
+
+/// Leaves out keys that say nothing, brings the rest in order, at most two at a time, and makes rotations unit.
+void GltfAnimations::tidy(Track& track, bool rotation) const {
+  const bool cubic = track.interpolation == Interpolation::kCubic;
+  const std::size_t numbers = track.width * (cubic ? 3 : 1);  // of a key
+  const std::vector<double> times = std::move(track.times);
+  std::vector<float> values = std::move(track.values);
+  std::vector<std::size_t> keys;
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    float* const v = &values[i * numbers];
+    if (!(std::abs(times[i]) <= kMaxTime) ||
+        !std::all_of(v, v + numbers, [](float x) { return std::abs(x) < kMaxValue; })) {
+      document_.warn("animation keys that are not finite or too large are left out", track.json);
+      continue;
+    }
+    if (rotation) {
+      float* const q = v + (cubic ? 4 : 0);
+      const float norm = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+      if (!(norm > 1e-6f)) {
+        document_.warn("rotation keys without length are left out", track.json);
+        continue;
+      }
+      if (std::abs(norm - 1) > 0.02f)
+        document_.warn("rotation keys that are not unit quaternions are normalized", track.json);
+      if (!cubic)  // scaling the value without its tangents would bend the curve; the sum is normalized anyway
+        for (int c = 0; c < 4; ++c) q[c] /= norm;
+    }
+    if (times[i] < 0) document_.warn("animation keys before time 0 are no valid glTF", track.json);
+    keys.push_back(i);
+  }
+  const auto earlier = [&](std::size_t a, std::size_t b) { return times[a] < times[b]; };
+  if (!std::is_sorted(keys.begin(), keys.end(), earlier)) {
+    document_.warn("animations whose keys are not in the order of time are sorted", track.json);
+    std::stable_sort(keys.begin(), keys.end(), earlier);
+  }
+  track.times.clear();
+  track.values.clear();
+  for (const std::size_t i : keys) {
+    const std::size_t n = track.times.size();
+    if (n > 0 && track.times[n - 1] == times[i])
+      document_.warn("animations with several keys at one time step there from the first to the last", track.json);
+    if (n > 1 && track.times[n - 2] == times[i]) {
+      track.times.pop_back();
+      track.values.resize(track.values.size() - numbers);
+    }
+    track.times.push_back(times[i]);
+    track.values.insert(track.values.end(), &values[i * numbers], &values[i * numbers] + numbers);
+  }
+}
+
 const Track* GltfAnimations::find(const std::string& pointer, std::size_t width) {
   const auto it = tracks_.find(pointer);
   if (it == tracks_.end()) return nullptr;
-  const Track& track = it->second;
-  if (width != 0) track.expect_width(width);
-  const TimeSpan keys{track.times.front(), track.times.back()};
-  span_ = used_.empty() ? keys : TimeSpan{std::min(span_.begin, keys.begin), std::max(span_.end, keys.end)};
+  Track& track = it->second;
   used_.insert(pointer);
+  if (track.width != width) {
+    if (!pointer.ends_with("/weights")) {
+      document_.warn("animations with another number of values than what they drive has are ignored", track.json);
+      tracks_.erase(it);
+      return nullptr;
+    }
+    document_.warn("animations of weights for another number of morph targets: missing ones are 0, others ignored",
+                   track.json);
+    std::vector<float> values(track.value_count() * width, 0.0f);
+    for (std::size_t i = 0; i < track.value_count(); ++i)
+      std::copy_n(track.value(i), std::min(width, track.width), &values[i * width]);
+    track.values = std::move(values);
+    track.width = width;
+  }
+  // Frames before time 0 are no part of a clip, whatever its keys.
+  const TimeSpan keys{std::max(track.times.front(), 0.0), std::max(track.times.back(), 0.0)};
+  span_ = found_ ? TimeSpan{std::min(span_.begin, keys.begin), std::max(span_.end, keys.end)} : keys;
+  found_ = true;
   return &track;
 }
 

@@ -7,6 +7,8 @@
 #include <array>
 #include <cstring>
 
+#include "tempera/import/paths.h"
+
 namespace tempera {
 namespace {
 
@@ -175,8 +177,6 @@ GltfDocument::GltfDocument(const std::filesystem::path& file, const ImportOption
   read_accessors();
 }
 
-void GltfDocument::warn(const std::string& what, const Json& where) const { warnings_.add(what, where.loc()); }
-
 void GltfDocument::read_container(const ImportOptions& options) {
   const std::string name = file_.string();
   contents_ = files_.read(file_, {name});
@@ -285,7 +285,7 @@ void GltfDocument::read_buffers() {
     const Json json = buffers.at(i).object();
     Buffer& buffer = buffers_[i];
     const std::uint64_t length = json["byteLength"].required().integer(0);
-    if (length == 0) json["byteLength"].fail(ErrorCode::kOutOfRange, "a buffer has at least one byte");
+    if (length == 0) warn("buffers without bytes are no valid glTF", json["byteLength"]);
     const Json uri = json["uri"];
     const Json extensions = json["extensions"].object();
     if (uri) {
@@ -315,87 +315,108 @@ void GltfDocument::read_views() {
   const Json views = list("bufferViews");
   views_.resize(views.size());
   for (std::size_t i = 0; i < views.size(); ++i) {
-    const Json json = views.at(i).object();
-    const int index = json["buffer"].index(buffers_.size(), "buffers");
-    const Buffer& buffer = buffers_[std::size_t(index)];
-    const std::uint64_t offset = json["byteOffset"].integer(0), length = json["byteLength"].required().integer(0);
-    if (length == 0) json["byteLength"].fail(ErrorCode::kOutOfRange, "a buffer view has at least one byte");
-    if (!buffer.missing.empty()) {
-      const Json extensions = json["extensions"].object();
-      if (extensions["EXT_meshopt_compression"] || extensions["KHR_meshopt_compression"])
-        json.fail(ErrorCode::kUnsupported, "is compressed with EXT_meshopt_compression, which is not supported");
-      json["buffer"].fail(fmt::format("buffers[{}] has no data: {}", index, buffer.missing));
+    try {
+      views_[i] = read_view(views.at(i).object());
+    } catch (const Error& e) {
+      views_[i].error = e;
     }
-    if (offset > buffer.bytes.size() || length > buffer.bytes.size() - offset)
-      json.fail(fmt::format("covers bytes {} to {} of buffers[{}], which has {}", offset, offset + length, index,
-                            buffer.bytes.size()));
-    const Json stride = json["byteStride"];
-    if (stride && (stride.integer(0) < 4 || stride.integer(0) > 252))
-      stride.fail(ErrorCode::kOutOfRange, fmt::format("{} is outside [4, 252]", stride.integer(0)));
-    views_[i] = {buffer.bytes.substr(offset, length), std::size_t(stride.integer(0))};
   }
+}
+
+GltfDocument::View GltfDocument::read_view(const Json& json) const {
+  const int index = json["buffer"].index(buffers_.size(), "buffers");
+  const Buffer& buffer = buffers_[std::size_t(index)];
+  const std::uint64_t offset = json["byteOffset"].integer(0), length = json["byteLength"].required().integer(0);
+  if (length == 0) warn("buffer views without bytes are no valid glTF", json["byteLength"]);
+  if (!buffer.missing.empty()) {
+    const Json extensions = json["extensions"].object();
+    if (extensions["EXT_meshopt_compression"] || extensions["KHR_meshopt_compression"])
+      json.fail(ErrorCode::kUnsupported, "is compressed with EXT_meshopt_compression, which is not supported");
+    json["buffer"].fail(fmt::format("buffers[{}] has no data: {}", index, buffer.missing));
+  }
+  if (offset > buffer.bytes.size() || length > buffer.bytes.size() - offset)
+    json.fail(fmt::format("covers bytes {} to {} of buffers[{}], which has {}", offset, offset + length, index,
+                          buffer.bytes.size()));
+  const Json stride = json["byteStride"];
+  if (stride && (stride.integer(0) < 4 || stride.integer(0) > 252))
+    stride.fail(ErrorCode::kOutOfRange, fmt::format("{} is outside [4, 252]", stride.integer(0)));
+  return {buffer.bytes.substr(offset, length), std::size_t(stride.integer(0)), {}};
+}
+
+const GltfDocument::View& GltfDocument::view(int index) const {
+  const View& v = views_[std::size_t(index)];
+  v.asked_for = true;
+  if (v.error) throw *v.error;
+  return v;
 }
 
 void GltfDocument::read_accessors() {
   const Json list = this->list("accessors");
   accessors_.resize(list.size());
   for (std::size_t i = 0; i < list.size(); ++i) {
-    const Json json = list.at(i).object();
-    Accessor& a = accessors_[i];
-    a.json = json;
-    a.type = component_type(json["componentType"]);
-    a.shape = json["type"].required().string();
-    const auto shape =
-        std::find_if(std::begin(kShapes), std::end(kShapes), [&](const ElementShape& s) { return s.name == a.shape; });
-    if (shape == std::end(kShapes))
-      json["type"].fail(
-          fmt::format("\"{}\" is no accessor type; valid: SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3, MAT4", a.shape));
-    a.components = shape->rows * shape->columns;
-    const std::uint64_t count = json["count"].required().integer(0);
-    if (count == 0) json["count"].fail(ErrorCode::kOutOfRange, "an accessor has at least one element");
-    a.normalized = json["normalized"].boolean(false);
-    a.view = json["bufferView"].optional_index(views_.size(), "bufferViews");
-    a.offset = std::size_t(json["byteOffset"].integer(0));
-    const std::size_t size = element_size(a.shape, a.type);
-    if (a.view >= 0) {
-      const View& view = views_[std::size_t(a.view)];
-      const std::size_t stride = view.stride ? view.stride : size;
-      if (stride < size)
-        json.fail(
-            fmt::format("has elements of {} bytes, but bufferViews[{}] has a stride of {}", size, a.view, stride));
-      // Both factors fit in 53 + 8 bits.
-      if (a.offset > view.bytes.size() || (count - 1) * stride + size > view.bytes.size() - a.offset)
-        json.fail(fmt::format("needs {} bytes from byte {} of bufferViews[{}], which has {}",
-                              (count - 1) * stride + size, a.offset, a.view, view.bytes.size()));
-    } else if (count > std::max<std::uint64_t>(total_bytes_, 65536)) {
-      // Zeros cost no bytes in the file. Meshes of zeros are of no use, and sparse data belong to meshes with bytes.
-      json["count"].fail(ErrorCode::kOutOfRange,
-                         fmt::format("{} elements without data in a file of {} bytes", count, total_bytes_));
+    accessors_[i].json = list.at(i).object();
+    try {
+      read_accessor(accessors_[i].json, accessors_[i]);
+    } catch (const Error& e) {
+      accessors_[i].error = e;
     }
-    a.count = std::size_t(count);
-
-    const Json sparse = json["sparse"].object();
-    if (!sparse) continue;
-    const std::uint64_t sparse_count = sparse["count"].required().integer(0);
-    if (sparse_count == 0 || sparse_count > count)
-      sparse["count"].fail(ErrorCode::kOutOfRange, fmt::format("{} is outside [1, {}]", sparse_count, count));
-    const Json indices = sparse["indices"].required().object(), values = sparse["values"].required().object();
-    const ComponentType type = component_type(indices["componentType"]);
-    if (type != ComponentType::kUByte && type != ComponentType::kUShort && type != ComponentType::kUInt)
-      indices["componentType"].fail("indices are of type 5121, 5123 or 5125");
-    const auto fits = [&](const Json& part, std::size_t bytes) {
-      const View& view = views_[std::size_t(part["bufferView"].index(views_.size(), "bufferViews"))];
-      const std::uint64_t offset = part["byteOffset"].integer(0);
-      if (offset > view.bytes.size() || sparse_count * bytes > view.bytes.size() - offset)
-        part.fail(fmt::format("needs {} bytes, but its buffer view has {}", sparse_count * bytes, view.bytes.size()));
-    };
-    fits(indices, component_size(type));
-    fits(values, size);
   }
+}
+
+void GltfDocument::read_accessor(const Json& json, Accessor& a) const {
+  a.type = component_type(json["componentType"]);
+  a.shape = json["type"].required().string();
+  const auto shape =
+      std::find_if(std::begin(kShapes), std::end(kShapes), [&](const ElementShape& s) { return s.name == a.shape; });
+  if (shape == std::end(kShapes))
+    json["type"].fail(
+        fmt::format("\"{}\" is no accessor type; valid: SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3, MAT4", a.shape));
+  a.components = shape->rows * shape->columns;
+  const std::uint64_t count = json["count"].required().integer(0);
+  if (count == 0) return warn("accessors without elements are no valid glTF", json["count"]);
+  a.normalized = json["normalized"].boolean(false);
+  a.view = json["bufferView"].optional_index(views_.size(), "bufferViews");
+  a.offset = std::size_t(json["byteOffset"].integer(0));
+  const std::size_t size = element_size(a.shape, a.type);
+  if (a.view >= 0) {
+    const View& view = this->view(a.view);
+    const std::size_t stride = view.stride ? view.stride : size;
+    if (stride < size)
+      json.fail(fmt::format("has elements of {} bytes, but bufferViews[{}] has a stride of {}", size, a.view, stride));
+    // Both factors fit in 53 + 8 bits.
+    if (a.offset > view.bytes.size() || (count - 1) * stride + size > view.bytes.size() - a.offset)
+      json.fail(fmt::format("needs {} bytes from byte {} of bufferViews[{}], which has {}", (count - 1) * stride + size,
+                            a.offset, a.view, view.bytes.size()));
+  } else if (count > std::max<std::uint64_t>(total_bytes_, 65536)) {
+    // Zeros cost no bytes in the file. Meshes of zeros are of no use, and sparse data belong to meshes with bytes.
+    json["count"].fail(ErrorCode::kOutOfRange,
+                       fmt::format("{} elements without data in a file of {} bytes", count, total_bytes_));
+  }
+  a.count = std::size_t(count);
+
+  const Json sparse = json["sparse"].object();
+  if (!sparse) return;
+  const std::uint64_t sparse_count = sparse["count"].required().integer(0);
+  if (sparse_count == 0 || sparse_count > count)
+    sparse["count"].fail(ErrorCode::kOutOfRange, fmt::format("{} is outside [1, {}]", sparse_count, count));
+  const Json indices = sparse["indices"].required().object(), values = sparse["values"].required().object();
+  const ComponentType type = component_type(indices["componentType"]);
+  if (type != ComponentType::kUByte && type != ComponentType::kUShort && type != ComponentType::kUInt)
+    indices["componentType"].fail("indices are of type 5121, 5123 or 5125");
+  const auto fits = [&](const Json& part, std::size_t bytes) {
+    const View& view = this->view(part["bufferView"].index(views_.size(), "bufferViews"));
+    const std::uint64_t offset = part["byteOffset"].integer(0);
+    if (offset > view.bytes.size() || sparse_count * bytes > view.bytes.size() - offset)
+      part.fail(fmt::format("needs {} bytes, but its buffer view has {}", sparse_count * bytes, view.bytes.size()));
+  };
+  fits(indices, component_size(type));
+  fits(values, size);
 }
 
 const Accessor& GltfDocument::accessor(const Json& index, std::string_view shapes) const {
   const Accessor& a = accessors_[std::size_t(index.index(accessors_.size(), "accessors"))];
+  a.asked_for = true;
+  if (a.error) throw *a.error;
   for (std::string_view rest = shapes; !rest.empty();) {
     const std::size_t bar = std::min(rest.find('|'), rest.size());
     if (rest.substr(0, bar) == a.shape) return a;
@@ -428,8 +449,9 @@ void GltfDocument::read_plain(ComponentType type, bool normalized, std::size_t c
 template <class T>
 void GltfDocument::read_elements(const Accessor& a, T* out) const {
   const auto components = std::size_t(a.components);
+  if (a.count == 0) return;
   if (a.view >= 0) {
-    read_plain(a.type, a.normalized, components, views_[std::size_t(a.view)], a.offset, a.count, out);
+    read_plain(a.type, a.normalized, components, view(a.view), a.offset, a.count, out);
   } else {
     std::fill_n(out, a.count * components, T(0));
   }
@@ -439,7 +461,7 @@ void GltfDocument::read_elements(const Accessor& a, T* out) const {
   const Json indices = sparse["indices"], values = sparse["values"];
   std::vector<std::uint32_t> where(count);
   const auto packed = [&](const Json& part) {  // sparse data have no stride
-    return View{views_[std::size_t(part["bufferView"].integer(0))].bytes, 0};
+    return View{view(int(part["bufferView"].integer(0))).bytes, 0, {}};
   };
   read_plain(component_type(indices["componentType"]), false, 1, packed(indices),
              std::size_t(indices["byteOffset"].integer(0)), count, where.data());
@@ -452,6 +474,17 @@ void GltfDocument::read_elements(const Accessor& a, T* out) const {
           fmt::format("sparse index {} (number {}) is not in increasing order below {}", where[i], i, a.count));
     std::copy_n(replaced.begin() + std::ptrdiff_t(i * components), components, out + where[i] * components);
   }
+}
+
+void GltfDocument::warn_of_unread() const {
+  const auto check = [&](const auto& items, const char* what) {
+    for (const auto& item : items)
+      if (item.error && !item.asked_for)
+        warn(fmt::format("{} that cannot be read, but nothing uses: {}", what, item.error->message()),
+             item.error->loc());
+  };
+  check(accessors_, "an accessor");
+  check(views_, "a buffer view");
 }
 
 void GltfDocument::read(const Accessor& accessor, float* out) const { read_elements(accessor, out); }
@@ -486,7 +519,12 @@ std::filesystem::path GltfDocument::resolve(const Json& uri) const {
   const std::string decoded = percent_decode(text);
   if (std::any_of(decoded.begin(), decoded.end(), [](unsigned char c) { return c < 32; }))
     uri.fail("a URI with control characters");
-  return file_.parent_path() / std::filesystem::path(decoded);
+  // Some writers do not encode their names, so that a percent sign may be one.
+  const std::filesystem::path folder = file_.parent_path(), named = named_file(folder, decoded);
+  std::error_code failed;
+  if (decoded == text || std::filesystem::exists(named, failed)) return named;
+  const std::filesystem::path as_written = named_file(folder, std::string(text));
+  return std::filesystem::exists(as_written, failed) ? as_written : named;
 }
 
 }  // namespace tempera

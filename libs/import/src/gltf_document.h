@@ -38,8 +38,10 @@ struct Accessor {
   int components = 1;      ///< numbers per element
   std::size_t count = 0;   ///< elements
   bool normalized = false;
-  int view = -1;           ///< bufferView, -1: zeros
-  std::size_t offset = 0;  ///< in the view
+  int view = -1;                   ///< bufferView, -1: zeros
+  std::size_t offset = 0;          ///< in the view
+  std::optional<Error> error;      ///< why it cannot be read
+  mutable bool asked_for = false;  ///< by whoever builds something of it
 
   bool is_float() const { return type == ComponentType::kFloat; }
   /// Float, or integers that stand for fractions.
@@ -48,7 +50,8 @@ struct Accessor {
 
 class GltfDocument {
  public:
-  /// Reads the container, all buffers, and checks buffer views and accessors.
+  /// Reads the container, all buffers, and checks buffer views and accessors. A fault in one of these is an error for
+  /// whoever uses it only: clips that no one asked for are none of a picture's business.
   /// Errors: Error{kSyntax | kBadInput | kOutOfRange | kUnsupported | kMissingFile | kOutOfMemory} at the offending
   /// place.
   GltfDocument(const std::filesystem::path& file, const ImportOptions& options, InputFiles& files, Warnings& warnings);
@@ -60,14 +63,14 @@ class GltfDocument {
   std::size_t count(std::string_view name) const { return list(name).size(); }
 
   /// The accessor that `index` (a value of the document) names. Errors: at `index`, unless it is one of `shapes`
-  /// ("VEC3", or "VEC3|VEC4").
+  /// ("VEC3", or "VEC3|VEC4"), and for one that cannot be read.
   const Accessor& accessor(const Json& index, std::string_view shapes) const;
   /// All elements as floats, components interleaved; normalised integers become fractions.
   /// Errors: sparse indices out of order; memory.
   void read(const Accessor& accessor, float* out) const;
   void read(const Accessor& accessor, std::uint32_t* out) const;  ///< for integers that are not normalised
   std::vector<float> floats(const Accessor& accessor) const;
-  std::string_view view_bytes(int view) const { return views_[std::size_t(view)].bytes; }
+  std::string_view view_bytes(int index) const { return view(index).bytes; }
 
   /// Path of the file that a URI names. Errors: at `uri` for schemes other than relative paths.
   std::filesystem::path resolve(const Json& uri) const;
@@ -78,13 +81,18 @@ class GltfDocument {
   InputFiles& files() const { return files_; }
   /// Version of Blender's exporter that wrote the file, as major * 100 + minor; 0: another program.
   int blender_version() const { return blender_version_; }
-  void warn(const std::string& what, const Json& where) const;
+  void warn(const std::string& what, const Json& where) const { warn(what, where.loc()); }
+  void warn(const std::string& what, const SourceLoc& where) const { warnings_.add(what, where); }
+  /// Warns of accessors and buffer views that cannot be read and that nothing has asked for.
+  void warn_of_unread() const;
   Warnings& warnings() const { return warnings_; }
 
  private:
   struct View {
     std::string_view bytes;
     std::size_t stride = 0;  ///< 0: tightly packed
+    std::optional<Error> error;
+    mutable bool asked_for = false;
   };
   void read_container(const ImportOptions& options);
   void check_asset();
@@ -92,7 +100,10 @@ class GltfDocument {
   void check_names();
   void read_buffers();
   void read_views();
+  View read_view(const Json& json) const;
   void read_accessors();
+  void read_accessor(const Json& json, Accessor& accessor) const;
+  const View& view(int index) const;
   template <class T>
   void read_elements(const Accessor& accessor, T* out) const;
   template <class T>

@@ -7,6 +7,8 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "input_files.h"
+
 namespace tempera {
 namespace {
 
@@ -148,8 +150,10 @@ JsonDocument::JsonDocument(std::string file, std::string_view text, std::size_t 
   for (std::size_t at = text.find('\n'); at < end; at = text.find('\n', at + 1)) lines_.push_back(at + 1);
   if (end - begin > std::size_t(1) << 31)
     throw Error(ErrorCode::kSyntax, loc(begin), "a JSON document of more than 2 GiB");
-  if (text.substr(begin, 3) == "\xEF\xBB\xBF")
-    throw Error(ErrorCode::kSyntax, loc(begin), "starts with a byte order mark; glTF is UTF-8 without one");
+  begin = end - skip_byte_order_mark(text.substr(begin, end - begin)).size();
+  if (const std::string_view mark = text.substr(begin, 2);
+      end - begin >= 2 && (mark == "\xFF\xFE" || mark == "\xFE\xFF"))
+    throw Error(ErrorCode::kSyntax, loc(begin), "is UTF-16, as its byte order mark says; glTF is UTF-8");
   JsonBuilder builder(*this, begin, end, memory_limit);
   const CountingIterator first(text.data() + begin, builder.consumed()), last(text.data() + end, builder.consumed());
   nlohmann::json::sax_parse(first, last, &builder);  // the builder throws on errors

@@ -75,17 +75,31 @@ bool can_be_positive(const Animated<Rgb>& factor) {
 
 bool is_constant(const Slot& slot, const Rgb& value) { return slot.is_constant() && slot.factor.values()[0] == value; }
 
-/// a * b over time. Where both move, the keys of both.
+/// Whether a value can change at once at time t.
+bool jumps_at(const Animated<Rgb>& a, double t) {
+  const auto [first, last] = std::equal_range(a.times().begin(), a.times().end(), t);
+  return last - first > (a.interpolation() == Interpolation::kStep ? 0 : 1);
+}
+
+/// a * b over time. Where both move, the keys of both, and two where one of them jumps.
 Animated<Rgb> product(const Animated<Rgb>& a, const Animated<Rgb>& b) {
   const bool a_moves = !a.is_constant();
   if (a_moves && !b.is_constant()) {
-    std::vector<double> times = a.times();
-    times.insert(times.end(), b.times().begin(), b.times().end());
-    std::sort(times.begin(), times.end());
-    times.erase(std::unique(times.begin(), times.end()), times.end());
+    std::vector<double> all = a.times(), times;
+    all.insert(all.end(), b.times().begin(), b.times().end());
+    std::sort(all.begin(), all.end());
+    all.erase(std::unique(all.begin(), all.end()), all.end());
+    const bool steps = a.interpolation() == Interpolation::kStep && b.interpolation() == Interpolation::kStep;
     std::vector<Rgb> values;
-    for (const double t : times) values.push_back(a.at(t) * b.at(t));
-    return {times, values, Interpolation::kLinear};
+    const auto add = [&](double key, double t) {
+      times.push_back(key);
+      values.push_back(a.at(t) * b.at(t));
+    };
+    for (const double t : all) {
+      if (!steps && (jumps_at(a, t) || jumps_at(b, t))) add(t, std::nextafter(t, -1e300));
+      add(t, t);
+    }
+    return {times, values, steps ? Interpolation::kStep : Interpolation::kLinear};
   }
   const Animated<Rgb>& moving = a_moves ? a : b;
   const Rgb constant = (a_moves ? b : a).at(0);

@@ -103,6 +103,10 @@ GltfPrimitive PrimitiveReader::read() {
     document_.warn("primitives without positions are ignored", primitive_);
     return std::move(out_);
   }
+  if (!extensions["KHR_draco_mesh_compression"] && document_.accessor(position, "VEC3").count == 0) {
+    document_.warn("primitives without vertices are ignored", primitive_);
+    return std::move(out_);
+  }
   if (const Json e = extensions["KHR_draco_mesh_compression"].object()) {
     draco_ = decode_draco(document_, e);
     vertices_ = draco_->vertices;
@@ -319,6 +323,7 @@ void PrimitiveReader::read_triangles(Mode mode) {
     triangles = std::move(indices);
     return;
   }
+  if (n == 0) return;
   if (n < 3) primitive_.fail(fmt::format("a triangle strip or fan with {} vertices, fewer than 3", n));
   document_.files().charge((n - 2) * 3 * sizeof(std::uint32_t), primitive_.loc());
   triangles.reserve((n - 2) * 3);

@@ -7,7 +7,13 @@
 #include <cstring>
 #include <fstream>
 
+#include "tempera/import/paths.h"
+
 namespace tempera {
+
+std::string_view skip_byte_order_mark(std::string_view text) {
+  return text.starts_with("\xEF\xBB\xBF") ? text.substr(3) : text;
+}
 
 std::uint64_t hash_bytes(std::string_view bytes, std::uint64_t seed) {
   constexpr std::uint64_t kPrime = 0x100000001b3u;
@@ -41,8 +47,7 @@ void InputFiles::check(const std::filesystem::path& file, const SourceLoc& loc) 
                   fmt::format("\"{}\" lies outside the scene's folder, which --sandbox forbids", file.string()));
   }
   const std::filesystem::file_status status = std::filesystem::status(file, failed);
-  if (!std::filesystem::exists(status))
-    throw Error(ErrorCode::kMissingFile, loc, fmt::format("cannot find the file \"{}\"", file.string()));
+  if (!std::filesystem::exists(status)) throw Error(ErrorCode::kMissingFile, loc, cannot_find(file));
   if (!std::filesystem::is_regular_file(status))
     throw Error(ErrorCode::kBadInput, loc, fmt::format("\"{}\" is not a regular file", file.string()));
 }

@@ -27,6 +27,9 @@ class FileContents {
   std::size_t size_ = 0;
 };
 
+/// `text` without a UTF-8 byte order mark at its start, which editors of Windows write.
+std::string_view skip_byte_order_mark(std::string_view text);
+
 /// 64-bit hash in the manner of FNV-1a, eight bytes a step; `seed` chains calls.
 std::uint64_t hash_bytes(std::string_view bytes, std::uint64_t seed = 0xcbf29ce484222325u);
 

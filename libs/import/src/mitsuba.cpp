@@ -10,6 +10,7 @@
 
 #include "catalog.h"
 #include "mitsuba_build.h"
+#include "singular.h"
 
 namespace tempera {
 namespace mitsuba {
@@ -25,17 +26,17 @@ struct Parts {
   bool sheared = false;
 };
 
-Parts decompose(const Affine3d& m) {
+/// What has no volume leaves its rotation open, or a part of it, and whether it is a mirror image: there it follows
+/// `neighbor`.
+Parts decompose(const Affine3d& m, const Parts& neighbor) {
   Parts parts;
   parts.translation = m.translation;
   parts.scale = {length(m.x), length(m.y), length(m.z)};
-  if (m.determinant() < 0) parts.scale = -parts.scale;  // a mirror image has no rotation: point reflection times one
-  const double size = std::abs(parts.scale.x * parts.scale.y * parts.scale.z);
-  if (size == 0) return parts;
-  const Vec3d x = m.x / parts.scale.x, y = m.y / parts.scale.y, z = m.z / parts.scale.z;
-  parts.sheared = std::max({std::abs(dot(x, y)), std::abs(dot(y, z)), std::abs(dot(z, x))}) > 1e-4;
-  const Vec3d y2 = normalize(y - x * dot(x, y));
-  parts.rotation = quaternion(Affine3d{x, y2, cross(x, y2)});
+  const bool singular = is_singular(m), mirrored = singular ? neighbor.scale.x < 0 : m.determinant() < 0;
+  parts.rotation = closest_rotation(m, mirrored, neighbor.rotation);
+  if (mirrored) parts.scale = -parts.scale;  // a mirror image has no rotation: point reflection times one
+  const auto bent = [](const Vec3d& a, const Vec3d& b) { return std::abs(dot(a, b)) > 1e-4 * length(a) * length(b); };
+  parts.sheared = bent(m.x, m.y) || bent(m.y, m.z) || bent(m.z, m.x);
   return parts;
 }
 
@@ -218,8 +219,16 @@ AnimatedTransform Builder::animated(const Transform& transform, const Place& pla
   std::vector<double> times;
   std::vector<Vec3d> translations, scales;
   std::vector<Quatd> rotations;
+  Parts neighbor;  // the key before, or for the first ones the first that tells all
   for (const auto& [time, map] : transform.keys) {
-    const Parts parts = decompose(map);
+    if (is_singular(map)) continue;
+    neighbor = decompose(map, {});
+    break;
+  }
+  for (const auto& [time, map] : transform.keys) {
+    const Parts parts = decompose(map, neighbor);
+    neighbor.rotation = parts.rotation;
+    if (!is_singular(map)) neighbor.scale = parts.scale;
     if (parts.sheared) warn("the shear in an animated transform is dropped", place);
     times.push_back(time);
     translations.push_back(parts.translation);

@@ -100,8 +100,8 @@ class Builder {
 
   // --- shapes (mitsuba_shapes.cpp) ---
   void add_shape(const Object& shape);
-  /// Appends to Scene::shapes; `bake` is applied to the geometry.
-  int make_shape(const Object& shape, const Affine3d& bake);
+  /// Appends to Scene::shapes; `to_world` is applied to the geometry.
+  int make_shape(const Object& shape, const Affine3d& to_world);
   void add_shape_group(const Object& group);
   void add_instance(const Object& instance);
   void warn_about_media(const Object& shape);

@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "mitsuba_build.h"
+#include "singular.h"
 #include "sunsky.h"
 #include "tempera/shading/color_space.h"
 
@@ -163,7 +164,9 @@ void Builder::add_environment(const Object& emitter) {
 
 Transform Builder::rotation_only(Transform t, const Place& at) const {
   const auto strip = [&](Affine3d& m) {
-    if (m.determinant() == 0) fail(ErrorCode::kOutOfRange, at, "the transform of an environment must be invertible");
+    const std::optional<Affine3d> whole = with_all_axes(m);
+    if (!whole) fail(ErrorCode::kOutOfRange, at, "the transform of an environment must be invertible");
+    m = *whole;
     m.translation = {};
     m.x = normalize(m.x), m.y = normalize(m.y), m.z = normalize(m.z);
   };

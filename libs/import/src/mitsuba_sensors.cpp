@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "mitsuba_build.h"
+#include "singular.h"
 
 namespace tempera::mitsuba {
 namespace {
@@ -66,12 +67,16 @@ void Builder::add_sensor(const Object& sensor) {
   // A camera's frame is rigid, apart from mirror images; the scale of an orthographic one is the size of its picture.
   Transform to_world = transform(sensor, "to_world");
   const auto rigid = [&](Affine3d& m) {
+    const std::optional<Affine3d> whole = with_all_axes(m);
+    if (!whole) fail(ErrorCode::kOutOfRange, place(sensor, "to_world"), "the transform of a sensor must be invertible");
     const Vec3d s{length(m.x), length(m.y), length(m.z)};
-    if (m.determinant() == 0)
-      fail(ErrorCode::kOutOfRange, place(sensor, "to_world"), "the transform of a sensor must be invertible");
+    m = *whole;
     if (perspective && std::max({std::abs(s.x - s.y), std::abs(s.y - s.z), std::abs(s.z - s.x)}) > 1e-3 * s.x)
       warn("the scale in a perspective sensor's transform is dropped", place(sensor, "to_world"));
-    m.x = m.x / s.x, m.y = m.y / s.y, m.z = m.z / s.z;
+    if (!perspective && !(s.x > 0))
+      fail(ErrorCode::kOutOfRange, place(sensor, "to_world"),
+           "an orthographic sensor needs a scale in x: its picture's width");
+    m.x = normalize(m.x), m.y = normalize(m.y), m.z = normalize(m.z);
     return s;
   };
   Vec3d size = rigid(to_world.constant);

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "mitsuba_build.h"
+#include "singular.h"
 #include "tempera/core/parallel.h"
 #include "tempera/import/mesh_files.h"
 
@@ -93,9 +94,12 @@ void Builder::warn_about_media(const Object& shape) {
          medium->place);
 }
 
-int Builder::make_shape(const Object& object, const Affine3d& bake) {
-  if (bake.determinant() == 0 || !std::isfinite(bake.determinant()))
-    fail(ErrorCode::kOutOfRange, place(object, "to_world"), "the transform of a shape must be invertible");
+int Builder::make_shape(const Object& object, const Affine3d& to_world) {
+  for (const Vec3d& v : {to_world.x, to_world.y, to_world.z, to_world.translation})
+    if (!(length(v) < 1e30))
+      fail(ErrorCode::kOutOfRange, place(object, "to_world"), "the transform of a shape is too large");
+  const std::optional<Affine3d> placed = with_thickness(to_world);
+  const Affine3d bake = placed.value_or(Affine3d{});
   Shape shape;
   const Object* emitter = child(object, "emitter");
   const NamedMaterial bsdf = shape_material(object, emitter != nullptr);
@@ -135,7 +139,7 @@ int Builder::make_shape(const Object& object, const Affine3d& bake) {
       if (shape.name.empty()) shape.name = path.stem().string();
       read = [this, path, loc, is_obj = plugin == "obj"] {
         const FileContents contents = files_.read(path, loc);
-        return is_obj ? read_obj(contents.view(), path.string()) : read_ply(contents.view(), path.string(), warnings_);
+        return (is_obj ? read_obj : read_ply)(contents.view(), path.string(), warnings_);
       };
     }
     jobs_.push_back({index, &object, [read = std::move(read), options] {
@@ -165,6 +169,10 @@ int Builder::make_shape(const Object& object, const Affine3d& bake) {
     for (const Property& p : object.properties) p.used = true;
     warn(fmt::format("{} is left out", object.name()), object.place);
     return -1;
+  }
+  if (!placed) {  // scaled to a line or a point: nothing of it is seen
+    if (!jobs_.empty() && jobs_.back().shape == index) jobs_.pop_back();
+    shape.geometry = Mesh{};
   }
   if (shape.name.empty()) shape.name = fmt::format("{}_{}", plugin, index);
   shape.name = unique_name(shape.name);
@@ -218,9 +226,6 @@ void Builder::add_instance(const Object& object) {
   instance.group = groups_.at(group);
   instance.name = unique_name(!object.id.empty() ? object.id : !group->id.empty() ? group->id : "instance");
   const Transform to_world = transform(object, "to_world");
-  for (const auto& m : to_world.keys.empty() ? std::vector{to_world.constant} : std::vector{to_world.keys[0].second})
-    if (m.determinant() == 0)
-      fail(ErrorCode::kOutOfRange, place(object, "to_world"), "the transform of an instance must be invertible");
   instance.node = add_node(to_world, place(object, "to_world"), instance.name);
   finish(object);
   if (instance.group >= 0) scene_.instances.push_back(std::move(instance));

@@ -10,6 +10,9 @@
 #include <cstdlib>
 #include <initializer_list>
 #include <pugixml.hpp>
+#include <set>
+
+#include "tempera/import/paths.h"
 
 namespace tempera::mitsuba {
 
@@ -76,6 +79,17 @@ std::vector<std::string_view> split(std::string_view text) {
     if (i > begin) words.push_back(text.substr(begin, i - begin));
   }
   return words;
+}
+
+/// In the order of time, and of several keys at one time the first and the last: what holds before it and from then on.
+void order_keys(std::vector<std::pair<double, Affine3d>>& keys) {
+  std::stable_sort(keys.begin(), keys.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<std::pair<double, Affine3d>> kept;
+  for (const auto& key : keys) {
+    if (kept.size() > 1 && kept[kept.size() - 2].first == key.first) kept.pop_back();
+    kept.push_back(key);
+  }
+  keys = std::move(kept);
 }
 
 double srgb_to_linear(double v) { return v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4); }
@@ -334,7 +348,7 @@ Spectrum Parser::spectrum_file(const std::string& name, const Place& place) {
   const FileContents contents = inputs_.read(path, document_.loc(place));
   Spectrum s;
   int line_number = 0;
-  for (std::string_view rest = contents.view(); !rest.empty();) {
+  for (std::string_view rest = skip_byte_order_mark(contents.view()); !rest.empty();) {
     const std::size_t end = std::min(rest.find('\n'), rest.size());
     const std::string_view line = trim(rest.substr(0, end));
     rest.remove_prefix(std::min(end + 1, rest.size()));
@@ -487,6 +501,7 @@ void Parser::parse_child(const pugi::xml_node& node, Object& parent, int depth) 
   if (tag == "animation") {
     const Attributes a = attributes(node, {"name"}, {});
     Transform animated;
+    std::set<double> times;
     for (const pugi::xml_node& key : node.children()) {
       if (key.type() != pugi::node_element) continue;
       if (key.name() != std::string_view("transform"))
@@ -494,14 +509,18 @@ void Parser::parse_child(const pugi::xml_node& node, Object& parent, int depth) 
              fmt::format("<{}> in an <animation>; expected <transform time=\"…\">", key.name()));
       const Attributes k = attributes(key, {"time"}, {});
       const double time = number(k.at("time"), "the time");
-      if (!animated.keys.empty() && time <= animated.keys.back().first)
-        fail(ErrorCode::kBadInput, k.at("time").second,
-             fmt::format("times of an animation must increase, but {} follows {}", time, animated.keys.back().first));
+      const SourceLoc here = document_.loc(k.at("time").second);
+      if (!times.insert(time).second)
+        warnings_.add("an animation with several keys at one time steps there from the first to the last", here);
+      if (!animated.keys.empty() && time < animated.keys.back().first)
+        warnings_.add("an animation whose keys are not in the order of time is sorted", here);
       animated.keys.emplace_back(time, transform(key));
     }
+    order_keys(animated.keys);
     if (animated.keys.empty())
-      fail(ErrorCode::kBadInput, at, "an <animation> needs at least one <transform time=\"…\">");
-    animated.constant = animated.keys.front().second;
+      warnings_.add("an <animation> without a <transform time=\"…\"> moves nothing", document_.loc(at));
+    else
+      animated.constant = animated.keys.front().second;
     return add(parent, a.at("name").first, std::move(animated), at);
   }
   for (const pugi::xml_node& child : node.children())
@@ -595,7 +614,7 @@ void Parser::parse_child(const pugi::xml_node& node, Object& parent, int depth) 
   } else if (tag == "path") {
     const Attributes a = attributes(node, {"value"}, {});
     const auto& [name, where] = a.at("value");
-    std::filesystem::path folder = document_.files_[std::size_t(file_)].path.parent_path() / name;
+    std::filesystem::path folder = named_file(document_.files_[std::size_t(file_)].path.parent_path(), name);
     if (!std::filesystem::is_directory(folder)) folder = document_.find_file(name, at);
     if (!std::filesystem::is_directory(folder))
       fail(ErrorCode::kMissingFile, where, fmt::format("cannot find the folder \"{}\"", name));
@@ -640,15 +659,11 @@ SourceLoc Document::loc(const Place& place) const {
 
 std::filesystem::path Document::find_file(const std::string& name, const Place& place) const {
   std::error_code failed;
-  std::string slashes = name;  // files written on Windows
-  std::replace(slashes.begin(), slashes.end(), '\\', '/');
-  const std::filesystem::path path(slashes);
-  if (path.is_absolute()) return path;
   for (const std::filesystem::path& folder : folders_)
-    if (std::filesystem::exists(folder / path, failed)) return folder / path;
+    if (std::filesystem::path file = named_file(folder, name); std::filesystem::exists(file, failed)) return file;
   // Parts that were included may also count from their own folder.
-  const std::filesystem::path sibling = files_[std::size_t(place.file)].path.parent_path() / path;
-  return std::filesystem::exists(sibling, failed) ? sibling : folders_.back() / path;
+  std::filesystem::path sibling = named_file(files_[std::size_t(place.file)].path.parent_path(), name);
+  return std::filesystem::exists(sibling, failed) ? sibling : named_file(folders_.back(), name);
 }
 
 }  // namespace tempera::mitsuba

@@ -43,7 +43,8 @@ struct Blackbody {
   double scale = 1;
 };
 
-/// Constant, or keyed if `keys` is not empty (strictly increasing times in seconds).
+/// Constant, or keyed if `keys` is not empty (times in seconds, in order; two keys at one time: the value before it and
+/// from then on).
 struct Transform {
   Affine3d constant;
   std::vector<std::pair<double, Affine3d>> keys;

@@ -14,8 +14,10 @@
 #include <string>
 #include <vector>
 
+#include "input_files.h"
 #include "tempera/core/parallel.h"
 #include "tempera/import/mesh_files.h"
+#include "triangulate.h"
 
 namespace tempera {
 namespace {
@@ -39,8 +41,38 @@ struct Block {
   std::optional<Error> error;
 };
 
+bool is_space(char c) { return c == ' ' || c == '\t' || c == '\r'; }
+
+/// Whether the line that ends at `newline` (its '\n') goes on in the next one: it ends in a backslash. A comment never
+/// does, so that one about a folder of Windows swallows nothing.
+bool continues(const char* begin, const char* newline) {
+  const char* p = newline;
+  while (p > begin && is_space(p[-1])) --p;
+  return p > begin && p[-1] == '\\' && !std::memchr(begin, '#', std::size_t(p - begin));
+}
+
+/// End of the statement that begins at `p`: its last line's '\n', or `end`.
+const char* statement_end(const char* p, const char* end) {
+  for (const char* line = p;;) {
+    const void* found = std::memchr(line, '\n', std::size_t(end - line));
+    if (!found) return end;
+    const char* const newline = static_cast<const char*>(found);
+    if (!continues(line, newline)) return newline;
+    line = newline + 1;
+  }
+}
+
+/// Whether `p` is the backslash that ends a line inside of a statement, or the last one of the file.
+bool is_line_break(const char* p, const char* end) {
+  if (*p != '\\') return false;
+  for (++p; p < end && is_space(*p);) ++p;
+  return p == end || *p == '\n';
+}
+
+bool is_blank(const char* p, const char* end) { return is_space(*p) || *p == '\n' || is_line_break(p, end); }
+
 const char* skip_blanks(const char* p, const char* end) {
-  while (p < end && (*p == ' ' || *p == '\t' || *p == '\r')) ++p;
+  while (p < end && is_blank(p, end)) ++p;
   return p;
 }
 
@@ -69,10 +101,9 @@ class BlockParser {
     const char* p = block_.text.data();
     const char* const end = p + block_.text.size();
     while (p < end && !block_.error) {
-      const void* newline = std::memchr(p, '\n', std::size_t(end - p));
-      const char* const line_end = newline ? static_cast<const char*>(newline) : end;
-      parse_line(p, line_end);
-      p = line_end + 1;
+      const char* const statement = statement_end(p, end);
+      parse_statement(p, statement);
+      p = statement + 1;
     }
   }
 
@@ -84,10 +115,10 @@ class BlockParser {
     return std::string(begin, std::min<std::ptrdiff_t>(end - begin, 60));
   }
 
-  void parse_line(const char* begin, const char* end) {
+  void parse_statement(const char* begin, const char* end) {
     const char* p = skip_blanks(begin, end);
     const char* word_end = p;
-    while (word_end<end&& * word_end> ' ') ++word_end;
+    while (word_end<end&& * word_end> ' ' && !is_line_break(word_end, end)) ++word_end;
     const std::string_view word(p, std::size_t(word_end - p));
     float v[3];
     if (word == "v") {
@@ -103,7 +134,7 @@ class BlockParser {
     } else if (word == "vt") {
       const char* const next = read_floats(word_end, end, v, 1);
       if (!next) return fail(p, fmt::format("cannot read texture coordinates in \"{}\"", excerpt(p, end)));
-      if (skip_blanks(next, end) == end)
+      if (const char* const second = skip_blanks(next, end); second == end || *second == '#')
         v[1] = 0;  // the second one is optional
       else if (!read_floats(next, end, v + 1, 1))
         return fail(p, fmt::format("cannot read texture coordinates in \"{}\"", excerpt(p, end)));
@@ -125,7 +156,7 @@ class BlockParser {
         if (i > 0) {
           if (p == end || *p != '/') break;
           ++p;
-          if (p == end || *p == '/' || *p == ' ' || *p == '\t' || *p == '\r') continue;  // left out: "1//2"
+          if (p == end || *p == '/' || is_blank(p, end)) continue;  // left out: "1//2"
         }
         const auto [next, failed] = std::from_chars(p, end, *parts[i]);
         if (failed != std::errc() || *parts[i] == 0)
@@ -137,7 +168,7 @@ class BlockParser {
         }
         p = next;
       }
-      if (p < end && *p != ' ' && *p != '\t' && *p != '\r')
+      if (p < end && *p != '#' && !is_blank(p, end))
         return fail(p, fmt::format("cannot read \"{}\" in a face; expected e.g. 12, 12/5, 12//7 or 12/5/7",
                                    excerpt(p, std::min(end, p + 20))));
       block_.corners.push_back(corner);
@@ -154,8 +185,9 @@ std::vector<Block> cut(std::string_view text) {
   std::vector<Block> blocks;
   while (!text.empty()) {
     std::size_t size = std::min(kBlockBytes, text.size());
-    const std::size_t newline = text.find('\n', size - 1);
-    size = newline == std::string_view::npos ? text.size() : newline + 1;
+    const std::size_t line = text.rfind('\n', size - 1) + 1;  // 0 if there is none
+    const char* const end = text.data() + text.size();
+    size = std::min(std::size_t(statement_end(text.data() + line, end) - text.data()) + 1, text.size());
     blocks.emplace_back().text = text.substr(0, size);
     text.remove_prefix(size);
   }
@@ -166,12 +198,11 @@ std::vector<Block> cut(std::string_view text) {
 SourceLoc face_location(const Block& block, std::size_t face, std::string_view whole, const std::string& file) {
   std::string_view rest = block.text;
   while (!rest.empty()) {
-    const std::size_t size = std::min(rest.find('\n'), rest.size() - 1) + 1;
-    const char* const end = rest.data() + size;
+    const char* const end = statement_end(rest.data(), rest.data() + rest.size());
     const char* const p = skip_blanks(rest.data(), end);
-    if (p < end && *p == 'f' && (p + 1 == end || p[1] <= ' ') && face-- == 0)
+    if (p < end && *p == 'f' && (p + 1 == end || is_blank(p + 1, end)) && face-- == 0)
       return locate(file, whole, std::size_t(p - whole.data()));
-    rest.remove_prefix(size);
+    rest.remove_prefix(std::min(std::size_t(end - rest.data()) + 1, rest.size()));
   }
   return {file};
 }
@@ -191,7 +222,8 @@ std::vector<T> join(std::vector<Block>& blocks, std::vector<T> Block::*part) {
 
 }  // namespace
 
-Mesh read_obj(std::string_view text, const std::string& file) {
+Mesh read_obj(std::string_view text, const std::string& file, Warnings& warnings) {
+  text = skip_byte_order_mark(text);
   std::vector<Block> blocks = cut(text);
   parallel_for(0, std::int64_t(blocks.size()),
                [&](std::int64_t i) { BlockParser(blocks[std::size_t(i)], text, file).parse(); });
@@ -233,11 +265,13 @@ Mesh read_obj(std::string_view text, const std::string& file) {
   mesh.positions.reserve(positions.size());
   mesh.indices.reserve(3 * triangle_count);
   bool has_uvs = false, has_normals = false;
+  std::vector<std::uint32_t> polygon;
+  PolygonMesher mesher(mesh);
   for (const Block& b : blocks) {
     std::size_t at = 0;
     for (std::size_t f = 0; f < b.face_sizes.size(); ++f) {
       const std::uint32_t n = b.face_sizes[f];
-      std::uint32_t pivot = 0, previous = 0;
+      polygon.clear();
       for (std::uint32_t i = 0; i < n; ++i) {
         const Corner& c = b.corners[at + i];
         const auto check = [&](std::int32_t index, std::size_t size, const char* what) {
@@ -263,11 +297,10 @@ Mesh read_obj(std::string_view text, const std::string& file) {
           vertices.push_back({c.uv, c.normal, kNone});
           mesh.positions.push_back(positions[std::size_t(c.position) - 1]);
         }
-        if (i == 0) pivot = vertex;
-        if (i >= 2) mesh.indices.insert(mesh.indices.end(), {pivot, previous, vertex});
-        previous = vertex;
+        polygon.push_back(vertex);
       }
       at += n;
+      if (!mesher.add(polygon)) warnings.add(kCrossedPolygon, face_location(b, f, text, file));
     }
   }
   if (has_uvs) {

@@ -11,43 +11,36 @@
 #include <optional>
 #include <vector>
 
+#include "input_files.h"
 #include "tempera/core/parallel.h"
 #include "tempera/import/mesh_files.h"
+#include "triangulate.h"
 
 namespace tempera {
 namespace {
 
-enum class Type { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, kFloat64 };
+enum class Type { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kInt64, kUint64, kFloat32, kFloat64 };
 
 struct TypeName {
   std::string_view name;
   Type type;
 };
-constexpr std::array<TypeName, 16> kTypes{{{"char", Type::kInt8},
-                                           {"uchar", Type::kUint8},
-                                           {"short", Type::kInt16},
-                                           {"ushort", Type::kUint16},
-                                           {"int", Type::kInt32},
-                                           {"uint", Type::kUint32},
-                                           {"float", Type::kFloat32},
-                                           {"double", Type::kFloat64},
-                                           {"int8", Type::kInt8},
-                                           {"uint8", Type::kUint8},
-                                           {"int16", Type::kInt16},
-                                           {"uint16", Type::kUint16},
-                                           {"int32", Type::kInt32},
-                                           {"uint32", Type::kUint32},
-                                           {"float32", Type::kFloat32},
-                                           {"float64", Type::kFloat64}}};
+constexpr std::array<TypeName, 20> kTypes{
+    {{"char", Type::kInt8},     {"uchar", Type::kUint8},    {"short", Type::kInt16},     {"ushort", Type::kUint16},
+     {"int", Type::kInt32},     {"uint", Type::kUint32},    {"long", Type::kInt64},      {"ulong", Type::kUint64},
+     {"float", Type::kFloat32}, {"double", Type::kFloat64}, {"int8", Type::kInt8},       {"uint8", Type::kUint8},
+     {"int16", Type::kInt16},   {"uint16", Type::kUint16},  {"int32", Type::kInt32},     {"uint32", Type::kUint32},
+     {"int64", Type::kInt64},   {"uint64", Type::kUint64},  {"float32", Type::kFloat32}, {"float64", Type::kFloat64}}};
 
 std::size_t size_of(Type type) {
-  constexpr std::array<std::size_t, 8> kSizes{1, 1, 2, 2, 4, 4, 4, 8};
+  constexpr std::array<std::size_t, 10> kSizes{1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
   return kSizes[std::size_t(type)];
 }
 bool is_integer(Type type) { return type < Type::kFloat32; }
 /// What an integer color is divided by.
 double full_scale(Type type) {
-  constexpr std::array<double, 8> kScales{127, 255, 32767, 65535, 2147483647, 4294967295, 1, 1};
+  constexpr std::array<double, 10> kScales{
+      127, 255, 32767, 65535, 2147483647, 4294967295, 9223372036854775807.0, 18446744073709551615.0, 1, 1};
   return kScales[std::size_t(type)];
 }
 
@@ -112,6 +105,10 @@ double load(Type type, const char* p, bool swap) {
       return load<std::int32_t>(p, swap);
     case Type::kUint32:
       return load<std::uint32_t>(p, swap);
+    case Type::kInt64:
+      return load<std::int64_t>(p, swap);
+    case Type::kUint64:
+      return load<std::uint64_t>(p, swap);
     case Type::kFloat32:
       return load<float>(p, swap);
     case Type::kFloat64:
@@ -137,7 +134,16 @@ class Reader {
     parse_header();
     at_ = header_.size;
     line_ = header_.lines + 1;
+    const auto skip_all = [&](const Element& e) {
+      for (std::uint64_t i = 0; i < e.count; ++i)
+        for (const PlyProperty& p : e.properties) skip(p);
+    };
     bool has_vertices = false, has_faces = false;
+    struct {
+      const Element* element = nullptr;
+      std::size_t at = 0;
+      int line = 0;
+    } early_faces;  // before the vertices that their polygons need
     for (const Element& e : header_.elements) {
       check_size(e);
       if (e.name == "vertex" && !has_vertices) {
@@ -145,19 +151,24 @@ class Reader {
         read_vertices(e);
       } else if (e.name == "face" && !has_faces) {
         has_faces = true;
-        read_faces(e);
+        if (has_vertices) {
+          read_faces(e);
+        } else {
+          early_faces = {&e, at_, line_};
+          skip_all(e);
+        }
       } else {
         if (e.count > 0) warnings_.add(fmt::format("PLY element \"{}\" is ignored", e.name), {file_, e.line, 1});
-        for (std::uint64_t i = 0; i < e.count; ++i)
-          for (const PlyProperty& p : e.properties) skip(p);
+        skip_all(e);
       }
     }
     if (!has_vertices) fail(header_.lines, "the file has no element \"vertex\"");
     if (!has_faces) fail(header_.lines, "the file has no element \"face\"");
-    for (const std::uint32_t i : mesh_.indices)
-      if (i >= mesh_.positions.size())
-        fail(0, fmt::format("a face refers to vertex {}, but the file has {} vertices (counted from 0)", i,
-                            mesh_.positions.size()));
+    if (early_faces.element) {
+      at_ = early_faces.at;
+      line_ = early_faces.line;
+      read_faces(*early_faces.element);
+    }
     return std::move(mesh_);
   }
 
@@ -208,8 +219,9 @@ void Reader::parse_header() {
     for (const TypeName& t : kTypes)
       if (t.name == name) return t.type;
     fail(line,
-         fmt::format("\"{}\" is no PLY type; known: char uchar short ushort int uint float double, int8 … float64",
-                     name));
+         fmt::format(
+             "\"{}\" is no PLY type; known: char uchar short ushort int uint long ulong float double, int8 … float64",
+             name));
   };
   bool has_format = false;
   for (;;) {
@@ -449,6 +461,7 @@ void Reader::read_faces(const Element& element) {
   mesh_.indices.reserve(std::size_t(element.count) * 3);
   std::vector<float> values(element.properties.size());
   std::vector<std::uint32_t> polygon;
+  PolygonMesher mesher(mesh_);
   for (std::uint64_t f = 0; f < element.count; ++f) {
     polygon.clear();
     for (std::size_t k = 0; k < element.properties.size(); ++k) {
@@ -463,18 +476,15 @@ void Reader::read_faces(const Element& element) {
       const double count = next(*p.count_type);
       for (double i = 0; i < count; ++i) {
         const double index = next(p.type);
-        if (!(index >= 0 && index < 4294967295.0))
+        if (!(index >= 0 && index < double(mesh_.positions.size())))
           fail(data_line(), fmt::format("face {} refers to vertex {}, but the file has {} vertices (counted from 0)", f,
                                         index, mesh_.positions.size()));
         polygon.push_back(std::uint32_t(index));
       }
     }
-    for (std::size_t i = 2; i < polygon.size(); ++i) {
-      if (header_.format == Format::kAscii && mesh_.positions.size() > 0 &&
-          std::max({polygon[0], polygon[i - 1], polygon[i]}) >= mesh_.positions.size())
-        fail(line_, fmt::format("face {} refers to vertex {}, but the file has {} vertices (counted from 0)", f,
-                                std::max({polygon[0], polygon[i - 1], polygon[i]}), mesh_.positions.size()));
-      mesh_.indices.insert(mesh_.indices.end(), {polygon[0], polygon[i - 1], polygon[i]});
+    const std::size_t before = mesh_.triangle_count();
+    if (!mesher.add(polygon)) warnings_.add(kCrossedPolygon, {file_, data_line(), data_line() > 0 ? 1 : 0});
+    for (std::size_t t = before; t < mesh_.triangle_count(); ++t) {
       for (const Column& c : columns) {
         if (c.component == 0) c.target->resize(c.target->size() + std::size_t(c.components));
         (*c.target)[c.target->size() - std::size_t(c.components - c.component)] = values[c.property];
@@ -491,7 +501,7 @@ void Reader::read_faces(const Element& element) {
 }  // namespace
 
 Mesh read_ply(std::string_view bytes, const std::string& file, Warnings& warnings) {
-  return Reader(bytes, file, warnings).read();
+  return Reader(skip_byte_order_mark(bytes), file, warnings).read();
 }
 
 }  // namespace tempera

@@ -17,108 +17,107 @@ TEST_F(Gltf, ErrorsNameTheirPlace) {
     const char* part;
     const char* text;
   };
-  const Case cases[] = {
-      {E::kSyntax, 2, "not valid JSON", "{\n \"asset\": }"},
-      {E::kSyntax, 1, "byte order mark", "\xEF\xBB\xBF{}"},
-      {E::kSyntax, 1, "is not an object", "[]"},
-      {E::kSyntax, 1, "not valid JSON", ""},
-      {E::kSyntax, 1, "not valid JSON", "{\"asset\":{\"version\":\"2.0\"},\"x\":1e999}"},
-      {E::kBadInput, 1, "lacks the required property \"asset\"", "{}"},
-      {E::kBadInput, 1, "is no version", R"({"asset":{"version":"two"}})"},
-      {E::kUnsupported, 1, "glTF version 1.0", R"({"asset":{"version":"1.0"}})"},
-      {E::kUnsupported, 1, "needs glTF version 2.9", R"({"asset":{"version":"2.0","minVersion":"2.9"}})"},
-      {E::kUnsupported, 3, "requires the extension \"X_y\"",
-       "{\"asset\":{\"version\":\"2.0\"},\n\"extensionsRequired\":[\n\"X_y\"]}"},
-      {E::kBadInput, 2, "/nodes/0/name: is a number instead of a string",
-       "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[\n{\"name\":4}]}"},
-      {E::kBadInput, 2, "refers to nodes[7], but there are 1",
-       "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"children\":[\n7]}]}"},
-      {E::kBadInput, 1, "is a child of nodes[0] already",
-       R"({"asset":{"version":"2.0"},"nodes":[{"children":[2]},{"children":[2]},{}]})"},
-      {E::kBadInput, 2, "is a descendant of itself",
-       "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[\n{\"children\":[0]}]}"},
-      {E::kBadInput, 1, "both a matrix and",
-       R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1],"scale":[1,1,1]}]})"},
-      {E::kBadInput, 1, "has 15 elements instead of 16",
-       R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0]}]})"},
-      {E::kBadInput, 1, "last row",
-       R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,1,0,1,0,0,0,0,1,0,0,0,0,1]}]})"},
-      {E::kOutOfRange, 1, "is too large", R"({"asset":{"version":"2.0"},"nodes":[{"scale":[1e300,1,1]}]})"},
-      {E::kBadInput, 1, "is not a root",
-       R"({"asset":{"version":"2.0"},"nodes":[{"children":[1]},{}],"scenes":[{"nodes":[1]}]})"},
-      {E::kBadInput, 1, "refers to scenes[3]", R"({"asset":{"version":"2.0"},"scene":3,"scenes":[{}]})"},
-      {E::kBadInput, 1, "0.5 is not a non-negative whole number",
-       R"({"asset":{"version":"2.0"},"scene":0.5,"scenes":[{}]})"},
-      {E::kOutOfRange, 1, "at least one byte", R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":0}]})"},
-      {E::kBadInput, 1, "its data have 3",
-       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64,AAAA"}]})"},
-      {E::kBadInput, 1, "not valid base64",
-       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64,A*AA"}]})"},
-      {E::kBadInput, 1, "without a comma",
-       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64"}]})"},
-      {E::kUnsupported, 1, "is not a path relative",
-       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"https://a.b/c.bin"}]})"},
-      {E::kMissingFile, 2, "nowhere.bin",
-       "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":9,\n\"uri\":\"nowhere.bin\"}]}"},
-      {E::kBadInput, 2, "covers bytes 2 to 6",
-       "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":3,\"uri\":\"data:;base64,AAAA\"}],"
-       "\"bufferViews\":[\n{\"buffer\":0,\"byteOffset\":2,\"byteLength\":4}]}"},
-      {E::kBadInput, 1, "has no data",
-       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3}],"bufferViews":[{"buffer":0,"byteLength":3}]})"},
-      {E::kOutOfRange, 1, "outside [4, 252]",
-       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3,"byteStride":300}]})"},
-      {E::kUnsupported, 1, "EXT_meshopt_compression",
-       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"extensions":{"EXT_meshopt_compression":{"fallback":true}}}],"bufferViews":[{"buffer":0,"byteLength":3,"extensions":{"EXT_meshopt_compression":{}}}]})"},
-      {E::kBadInput, 1, "no component type",
-       R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5124,"count":1,"type":"SCALAR"}]})"},
-      {E::kBadInput, 1, "no accessor type",
-       R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":1,"type":"VEC5"}]})"},
-      {E::kOutOfRange, 1, "without data",
-       R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":4000000000,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "needs 12 bytes",
-       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3}],"accessors":[{"bufferView":0,"componentType":5126,"count":1,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "needs",
-       R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3}],"accessors":[{"bufferView":0,"byteOffset":9007199254740991,"componentType":5126,"count":9007199254740992,"type":"VEC4"}]})"},
-      {E::kOutOfRange, 1, "is outside [1, 1]",
-       R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":1,"type":"VEC3","sparse":{"count":2}}]})"},
-      {E::kBadInput, 1, "lacks the required property \"primitives\"", R"({"asset":{"version":"2.0"},"meshes":[{}]})"},
-      {E::kBadInput, 1, "at least one primitive", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[]}]})"},
-      {E::kBadInput, 1, "no primitive mode",
-       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{},"mode":7}]}]})"},
-      {E::kBadInput, 1, "type VEC2 instead of VEC3",
-       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC2"}]})"},
-      {E::kBadInput, 1, "but the primitive's POSITION has 3",
-       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0,"NORMAL":1}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5126,"count":2,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "no multiple of 3",
-       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":4,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "fewer than 3",
-       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"mode":5,"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":2,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "indices are of component type",
-       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"indices":1,"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5126,"count":3,"type":"SCALAR"}]})"},
-      {E::kBadInput, 1, "only one of JOINTS_0 and WEIGHTS_0",
-       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0,"JOINTS_0":1}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5121,"count":3,"type":"VEC4"}]})"},
-      {E::kBadInput, 1, "lacks JOINTS_0",
-       R"({"asset":{"version":"2.0"},"nodes":[{"mesh":0,"skin":0}],"skins":[{"joints":[0]}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "has 1 morph targets, but",
-       R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}},{"attributes":{"POSITION":0},"targets":[{}]}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"}]})"},
-      {E::kBadInput, 1, "at least one joint", R"({"asset":{"version":"2.0"},"skins":[{"joints":[]}]})"},
-      {E::kBadInput, 1, "has 1 matrices for 2 joints",
-       R"({"asset":{"version":"2.0"},"nodes":[{},{}],"skins":[{"joints":[0,1],"inverseBindMatrices":0}],"accessors":[{"componentType":5126,"count":1,"type":"MAT4"}]})"},
-      {E::kBadInput, 1, "no camera type",
-       R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"fisheye"}]})"},
-      {E::kOutOfRange, 1, "/cameras/0/perspective/yfov",
-       R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"perspective","perspective":{"yfov":4,"znear":1}}]})"},
-      {E::kOutOfRange, 1, "zfar is not beyond znear",
-       R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":1,"zfar":1}}]})"},
-      {E::kBadInput, 1, "is singular",
-       R"({"asset":{"version":"2.0"},"nodes":[{"camera":0,"scale":[0,1,1]}],"cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":1}}]})"},
-      {E::kBadInput, 1, "no light type",
-       R"({"asset":{"version":"2.0"},"nodes":[{"extensions":{"KHR_lights_punctual":{"light":0}}}],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"area"}]}}})"},
-      {E::kOutOfRange, 1, "is not below outerConeAngle",
-       R"({"asset":{"version":"2.0"},"nodes":[{"extensions":{"KHR_lights_punctual":{"light":0}}}],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"spot","spot":{"innerConeAngle":0.8}}]}}})"},
-      {E::kBadInput, 1, "no interpolation; valid: STEP",
-       R"({"asset":{"version":"2.0"},"nodes":[{}],"animations":[{"samplers":[{"input":0,"output":0,"interpolation":"BEZIER"}],"channels":[{"sampler":0,"target":{"node":0,"path":"scale"}}]}]})"},
-  };
+  const Case cases[] =
+      {
+          {E::kSyntax, 2, "not valid JSON", "{\n \"asset\": }"},
+          {E::kSyntax, 1, "is UTF-16", "\xFF\xFE{\n}"},
+          {E::kSyntax, 1, "is not an object", "[]"},
+          {E::kSyntax, 1, "not valid JSON", ""},
+          {E::kSyntax, 1, "not valid JSON", "{\"asset\":{\"version\":\"2.0\"},\"x\":1e999}"},
+          {E::kBadInput, 1, "lacks the required property \"asset\"", "{}"},
+          {E::kBadInput, 1, "is no version", R"({"asset":{"version":"two"}})"},
+          {E::kUnsupported, 1, "glTF version 1.0", R"({"asset":{"version":"1.0"}})"},
+          {E::kUnsupported, 1, "needs glTF version 2.9", R"({"asset":{"version":"2.0","minVersion":"2.9"}})"},
+          {E::kUnsupported, 3, "requires the extension \"X_y\"",
+           "{\"asset\":{\"version\":\"2.0\"},\n\"extensionsRequired\":[\n\"X_y\"]}"},
+          {E::kBadInput, 2, "/nodes/0/name: is a number instead of a string",
+           "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[\n{\"name\":4}]}"},
+          {E::kBadInput, 2, "refers to nodes[7], but there are 1",
+           "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[{\"children\":[\n7]}]}"},
+          {E::kBadInput, 1, "is a child of nodes[0] already",
+           R"({"asset":{"version":"2.0"},"nodes":[{"children":[2]},{"children":[2]},{}]})"},
+          {E::kBadInput, 2, "is a descendant of itself",
+           "{\"asset\":{\"version\":\"2.0\"},\"nodes\":[\n{\"children\":[0]}]}"},
+          {E::kBadInput, 1, "both a matrix and",
+           R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1],"scale":[1,1,1]}]})"},
+          {E::kBadInput, 1, "has 15 elements instead of 16",
+           R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0]}]})"},
+          {E::kBadInput, 1, "last row",
+           R"({"asset":{"version":"2.0"},"nodes":[{"matrix":[1,0,0,1,0,1,0,0,0,0,1,0,0,0,0,1]}]})"},
+          {E::kOutOfRange, 1, "is too large", R"({"asset":{"version":"2.0"},"nodes":[{"scale":[1e300,1,1]}]})"},
+          {E::kBadInput, 1, "is not a root",
+           R"({"asset":{"version":"2.0"},"nodes":[{"children":[1]},{}],"scenes":[{"nodes":[1]}]})"},
+          {E::kBadInput, 1, "refers to scenes[3]", R"({"asset":{"version":"2.0"},"scene":3,"scenes":[{}]})"},
+          {E::kBadInput, 1, "0.5 is not a non-negative whole number",
+           R"({"asset":{"version":"2.0"},"scene":0.5,"scenes":[{}]})"},
+          {E::kBadInput, 1, "its data have 3",
+           R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64,AAAA"}]})"},
+          {E::kBadInput, 1, "not valid base64",
+           R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64,A*AA"}]})"},
+          {E::kBadInput, 1, "without a comma",
+           R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"data:;base64"}]})"},
+          {E::kUnsupported, 1, "is not a path relative",
+           R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":9,"uri":"https://a.b/c.bin"}]})"},
+          {E::kMissingFile, 2, "nowhere.bin",
+           "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":9,\n\"uri\":\"nowhere.bin\"}]}"},
+          {E::kBadInput, 2, "covers bytes 2 to 6",
+           "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":3,\"uri\":\"data:;base64,AAAA\"}],"
+           "\"bufferViews\":[\n{\"buffer\":0,\"byteOffset\":2,\"byteLength\":4}],\"accessors\":[{\"bufferView\":0,"
+           "\"componentType\":5126,\"count\":1,\"type\":\"VEC3\"}],"
+           "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}}]}]}"},
+          {E::kBadInput, 1, "has no data",
+           R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3}],"bufferViews":[{"buffer":0,"byteLength":3}],"accessors":[{"bufferView":0,"componentType":5126,"count":1,"type":"VEC3"}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]})"},
+          {E::kOutOfRange, 1, "outside [4, 252]",
+           R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3,"byteStride":300}],"accessors":[{"bufferView":0,"componentType":5126,"count":1,"type":"VEC3"}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]})"},
+          {E::kUnsupported, 1, "EXT_meshopt_compression",
+           R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"extensions":{"EXT_meshopt_compression":{"fallback":true}}}],"bufferViews":[{"buffer":0,"byteLength":3,"extensions":{"EXT_meshopt_compression":{}}}],"accessors":[{"bufferView":0,"componentType":5126,"count":1,"type":"VEC3"}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]})"},
+          {E::kBadInput, 1, "no component type",
+           R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5124,"count":1,"type":"SCALAR"}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]})"},
+          {E::kBadInput, 1, "no accessor type",
+           R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":1,"type":"VEC5"}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]})"},
+          {E::kOutOfRange, 1, "without data",
+           R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":4000000000,"type":"VEC3"}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]})"},
+          {E::kBadInput, 1, "needs 12 bytes",
+           R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3}],"accessors":[{"bufferView":0,"componentType":5126,"count":1,"type":"VEC3"}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]})"},
+          {E::kBadInput, 1, "needs",
+           R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":3,"uri":"data:;base64,AAAA"}],"bufferViews":[{"buffer":0,"byteLength":3}],"accessors":[{"bufferView":0,"byteOffset":9007199254740991,"componentType":5126,"count":9007199254740992,"type":"VEC4"}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]})"},
+          {E::kOutOfRange, 1, "is outside [1, 1]",
+           R"({"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"count":1,"type":"VEC3","sparse":{"count":2}}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}]})"},
+          {E::kBadInput, 1, "lacks the required property \"primitives\"",
+           R"({"asset":{"version":"2.0"},"meshes":[{}]})"},
+          {E::kBadInput, 1, "at least one primitive", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[]}]})"},
+          {E::kBadInput, 1, "no primitive mode",
+           R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{},"mode":7}]}]})"},
+          {E::kBadInput, 1, "type VEC2 instead of VEC3",
+           R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC2"}]})"},
+          {E::kBadInput, 1, "but the primitive's POSITION has 3",
+           R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0,"NORMAL":1}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5126,"count":2,"type":"VEC3"}]})"},
+          {E::kBadInput, 1, "no multiple of 3",
+           R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":4,"type":"VEC3"}]})"},
+          {E::kBadInput, 1, "fewer than 3",
+           R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"mode":5,"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":2,"type":"VEC3"}]})"},
+          {E::kBadInput, 1,
+           "indices are of component type", R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"indices":1,"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5126,"count":3,"type":"SCALAR"}]})"},
+          {E::kBadInput, 1, "only one of JOINTS_0 and WEIGHTS_0",
+           R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0,"JOINTS_0":1}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"},{"componentType":5121,"count":3,"type":"VEC4"}]})"},
+          {E::kBadInput, 1, "lacks JOINTS_0",
+           R"({"asset":{"version":"2.0"},"nodes":[{"mesh":0,"skin":0}],"skins":[{"joints":[0]}],"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"}]})"},
+          {E::kBadInput, 1, "has 1 morph targets, but",
+           R"({"asset":{"version":"2.0"},"meshes":[{"primitives":[{"attributes":{"POSITION":0}},{"attributes":{"POSITION":0},"targets":[{}]}]}],"accessors":[{"componentType":5126,"count":3,"type":"VEC3"}]})"},
+          {E::kBadInput, 1, "at least one joint", R"({"asset":{"version":"2.0"},"skins":[{"joints":[]}]})"},
+          {E::kBadInput, 1, "has 1 matrices for 2 joints",
+           R"({"asset":{"version":"2.0"},"nodes":[{},{}],"skins":[{"joints":[0,1],"inverseBindMatrices":0}],"accessors":[{"componentType":5126,"count":1,"type":"MAT4"}]})"},
+          {E::kBadInput, 1, "no camera type",
+           R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"fisheye"}]})"},
+          {E::kOutOfRange, 1, "/cameras/0/perspective/yfov",
+           R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"perspective","perspective":{"yfov":4,"znear":1}}]})"},
+          {E::kOutOfRange, 1, "zfar is not beyond znear",
+           R"({"asset":{"version":"2.0"},"nodes":[{"camera":0}],"cameras":[{"type":"perspective","perspective":{"yfov":1,"znear":1,"zfar":1}}]})"},
+          {E::kBadInput, 1, "no light type",
+           R"({"asset":{"version":"2.0"},"nodes":[{"extensions":{"KHR_lights_punctual":{"light":0}}}],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"area"}]}}})"},
+          {E::kOutOfRange, 1, "is not below outerConeAngle",
+           R"({"asset":{"version":"2.0"},"nodes":[{"extensions":{"KHR_lights_punctual":{"light":0}}}],"extensions":{"KHR_lights_punctual":{"lights":[{"type":"spot","spot":{"innerConeAngle":0.8}}]}}})"},
+      };
   for (const Case& c : cases) {
     SCOPED_TRACE(c.text);
     expect_error(c.text, c.code, c.line, c.part);
@@ -174,24 +173,6 @@ TEST_F(Gltf, ErrorsInMeshesMaterialsAndTracks) {
   };
   expect_error(skinned(-1, 0), E::kBadInput, 2, "is negative");
   expect_error(skinned(1, 3), E::kOutOfRange, 2, "follows joint 3 of skins[0], which has 1");
-
-  const auto animated = [](const std::vector<float>& times, const std::vector<float>& values, const char* shape,
-                           const char* path, const char* mode = "LINEAR") {
-    Buffer buffer;
-    const int input = buffer.floats(times, "SCALAR"), output = buffer.floats(values, shape);
-    return asset(fmt::format(
-        "\"nodes\":[{{}}],\"animations\":[{{\"samplers\":[{{\n\"interpolation\":\"{}\",\n\"input\":{},\n\"output\":{}}}"
-        "],\n\"channels\":[{{\"sampler\":0,\"target\":{{\"node\":0,\"path\":\"{}\"}}}}]}}],{}",
-        mode, input, output, path, buffer.json()));
-  };
-  expect_error(animated({1, 1}, {0, 0, 0, 1, 1, 1}, "VEC3", "translation"), E::kOutOfRange, 3, "key 1 is at 1 s");
-  expect_error(animated({-1, 1}, {0, 0, 0, 1, 1, 1}, "VEC3", "translation"), E::kOutOfRange, 3, "key 0 is at -1 s");
-  expect_error(animated({0, 1}, {0, 0, 0}, "VEC3", "scale"), E::kBadInput, 4, "has 1 values for 2 keys");
-  expect_error(animated({0, 1}, {0, 0, 0, 1, 1, 1}, "VEC3", "scale", "CUBICSPLINE"), E::kBadInput, 4,
-               "splines have three");
-  expect_error(animated({0, 1}, {0, 0, 0, 1, 1, 1}, "VEC3", "rotation"), E::kBadInput, 4, "type VEC3 instead of VEC4");
-  expect_error(animated({0, 1}, {0, 0, 0, INFINITY, 1, 1}, "VEC3", "scale"), E::kBadInput, 4, "not finite");
-  expect_error(animated({0, 1}, {0, 1}, "SCALAR", "weights"), E::kBadInput, 5, "no mesh with morph targets");
 }
 
 TEST_F(Gltf, ContainerErrorsGiveTheByte) {
@@ -253,10 +234,7 @@ TEST_F(Gltf, MalformedSamplesGiveErrorsWithPlace) {
   if (!fs::exists(root)) GTEST_SKIP();
   // What the validator calls an error but leaves no doubt about the meaning is a warning here (an error under
   // --strict).
-  const std::set<std::string> only_warnings = {"empty_array.gltf",
-                                               "sampler_input_no_bounds.gltf",
-                                               "quaternion_cubic_non_unit_values.gltf",
-                                               "quaternion_non_unit_values.gltf",
+  const std::set<std::string> only_warnings = {"empty_array.gltf", "sampler_input_no_bounds.gltf", "bom.glb",
                                                "colors_non_clamped.gltf",
                                                "normals_tangents_non_unit_invalid_sign.gltf"};
   const std::set<std::string> valid = {"extra_data.glb",
@@ -274,7 +252,8 @@ TEST_F(Gltf, MalformedSamplesGiveErrorsWithPlace) {
     SCOPED_TRACE(entry.path());
     ++files;
     Warnings warnings;
-    if (valid.contains(name) || only_warnings.contains(name)) {
+    const bool is_animation = entry.path().parent_path().filename().string().starts_with("animation");
+    if (valid.contains(name) || only_warnings.contains(name) || is_animation) {
       EXPECT_NO_THROW(validate(import_gltf(entry.path(), {}, warnings)));
       std::size_t real = 0;
       for (const std::string& line : warnings.lines()) real += line.find("shows no geometry") == line.npos;

@@ -34,10 +34,27 @@ void put(std::string& bytes, T value, bool swap = false) {
   bytes.append(b, sizeof(T));
 }
 
+/// An OBJ file that gives no warning.
+Mesh obj_mesh(const std::string& text, const std::string& file) {
+  Warnings warnings;
+  Mesh mesh = read_obj(text, file, warnings);
+  EXPECT_TRUE(warnings.empty());
+  return mesh;
+}
+
+double area(const Mesh& m) {
+  double sum = 0;
+  for (std::size_t i = 0; i < m.indices.size(); i += 3) {
+    const Vec3d a(m.positions[m.indices[i]]), b(m.positions[m.indices[i + 1]]), c(m.positions[m.indices[i + 2]]);
+    sum += length(cross(b - a, c - a)) / 2;
+  }
+  return sum;
+}
+
 // --- OBJ -------------------------------------------------------------------------------------------------------------
 
 TEST(Obj, SharesVerticesOfEqualTriples) {
-  const Mesh m = read_obj(
+  const Mesh m = obj_mesh(
       "# two triangles with a seam: corner 3 has two texture coordinates\n"
       "v 0 0 0\r\nv 1 0 0\nv +1 1e0 0\nv 0 1 -.5\n"
       "vt 0 0\nvt 1 0.25\nvt 1 1\nvt 0 1\nvt 0.5 0.5\n"
@@ -55,16 +72,196 @@ TEST(Obj, SharesVerticesOfEqualTriples) {
   EXPECT_EQ(m.normals[0], (Vec3f{0, 0, 1}));  // made unit
 }
 
-TEST(Obj, PolygonsBecomeFansAndShortFacesVanish) {
-  const Mesh m = read_obj("v 0 0 0\nv 1 0 0\nv 2 1 0\nv 1 2 0\nv 0 2 0\nf 1 2 3 4 5\nf 1 2\nf 3\n", "a.obj");
+TEST(Obj, ConvexPolygonsBecomeFansAndShortFacesVanish) {
+  const Mesh m = obj_mesh("v 0 0 0\nv 1 0 0\nv 2 1 0\nv 1 2 0\nv 0 2 0\nf 1 2 3 4 5\nf 1 2\nf 3\n", "a.obj");
   EXPECT_EQ(m.indices, (std::vector<std::uint32_t>{0, 1, 2, 0, 2, 3, 0, 3, 4}));
   EXPECT_TRUE(m.uvs.empty());
   EXPECT_TRUE(m.normals.empty());
 }
 
+TEST(Obj, ABackslashContinuesAnyStatement) {
+  const Mesh plain =
+      obj_mesh("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0.5 0.25\nvn 0 0 1\nf 1/1/1 2/1/1 3/1/1 4/1/1\n", "a.obj");
+  for (const std::string end : {"\\\n", "\\\r\n", " \\ \t\r\n\t"}) {
+    SCOPED_TRACE(end);
+    const std::string text = fmt::format(
+        "# of C:\\models\\\nv{0} 0 0 {0}0\nv 1 {0} 0{0} 0 # C:\\\nv 1 1 0\nv 0 1 0\nvt 0.5 {0}0.25\nvn 0 0{0} 1\n"
+        "mtllib a{0} b\ng {0}\nf {0} {0}1/1/1 2/1/1 {0} 3/1/1{0}4/1/1 # end\\\nf {0}\n",
+        end);
+    const Mesh m = obj_mesh(text, "a.obj");
+    EXPECT_EQ(m.positions, plain.positions);
+    EXPECT_EQ(m.normals, plain.normals);
+    EXPECT_EQ(m.uvs, plain.uvs);
+    EXPECT_EQ(m.indices, plain.indices);
+    // Lines count as they stand in the file.
+    const std::string bad = fmt::format("v 0 0 0\n\nv 1{0} 0 0\nf 1{0} 2 7\n", end);
+    EXPECT_TRUE(Fails(ErrorCode::kBadInput, 5, [&] { obj_mesh(bad, "a.obj"); }));
+  }
+  EXPECT_EQ(obj_mesh("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 \\", "a.obj").triangle_count(), 1u);
+  EXPECT_EQ(obj_mesh("\\\n\\\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\\\r\n", "a.obj").triangle_count(), 1u);
+  EXPECT_TRUE(Fails(ErrorCode::kBadInput, 1, [&] { obj_mesh("v 0 \\ 0 0\n", "a.obj"); }));
+}
+
+TEST(Obj, ContinuedLinesMayEndABlock) {
+  // Blocks of 4 MiB are cut at the ends of statements, not of lines.
+  std::string text = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+  constexpr int kFaces = 400000;
+  for (int i = 0; i < kFaces; ++i) text += i % 3 ? "f 1 \\\n 2 3\n" : "f\\\n 1 2\\\r\n 3\n";
+  EXPECT_GT(text.size(), std::size_t(4) << 20);
+  EXPECT_EQ(obj_mesh(text, "a.obj").triangle_count(), std::size_t(kFaces));
+}
+
+TEST(Obj, AByteOrderMarkIsSkipped) {
+  EXPECT_EQ(obj_mesh("\xEF\xBB\xBFv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "a.obj").triangle_count(), 1u);
+}
+
+/// A face of these points in their plane, which is tilted and far away.
+std::string tilted_polygon(const std::vector<Vec2d>& points, bool reversed = false) {
+  const Affine3d place = translate(Vec3d{300, -20, 70}) * rotation(axis_angle(normalize(Vec3d{1, 2, 3}), 1.1));
+  std::string text, face = "f";
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Vec2d& q = points[reversed ? points.size() - 1 - i : i];
+    const Vec3d p = place.point({q.x, q.y, 0});
+    text += fmt::format("v {} {} {}\n", p.x, p.y, p.z);
+    face += fmt::format(" {}", i + 1);
+  }
+  return text + face + "\n";
+}
+
+TEST(Obj, ConcavePolygonsAreCoveredExactly) {
+  struct Case {
+    const char* name;
+    std::vector<Vec2d> points;
+    double area;
+  };
+  std::vector<Case> cases = {
+      {"arrow head", {{-1, -1}, {1, 0}, {-1, 1}, {-0.5, 0}}, 1.5},
+      {"arrow head from its notch", {{-0.5, 0}, {-1, -1}, {1, 0}, {-1, 1}}, 1.5},
+      {"L", {{0, 0}, {2, 0}, {2, 1}, {1, 1}, {1, 2}, {0, 2}}, 3},
+      {"C", {{0, 0}, {3, 0}, {3, 1}, {1, 1}, {1, 2}, {3, 2}, {3, 3}, {0, 3}}, 7},
+      {"square with corners on its sides", {{0, 0}, {1, 0}, {2, 0}, {2, 1}, {2, 2}, {0, 2}, {0, 1.5}, {0, 0.5}}, 4},
+      {"repeated corners", {{0, 0}, {0, 0}, {2, 0}, {1, 0.5}, {1, 0.5}, {1, 0.5}, {1, 2}, {0, 0}}, 1.25 - 0.25 + 0.25},
+      {"hole by a bridge", {{0, 0}, {4, 0}, {4, 4}, {0, 4}, {0, 0}, {1, 1}, {1, 3}, {3, 3}, {3, 1}, {1, 1}}, 12},
+      {"two holes",
+       {{0, 0},
+        {9, 0},
+        {9, 5},
+        {0, 5},
+        {0, 0},
+        {1, 1},
+        {1, 2},
+        {2, 2},
+        {6, 2},
+        {6, 4},
+        {7, 4},
+        {7, 2},
+        {6, 2},
+        {2, 2},
+        {2, 1},
+        {1, 1}},
+       45 - 1 - 2},
+      {"spike", {{0, 0}, {2, 0}, {2, 2}, {1, 2}, {1, 3}, {1, 2}, {0, 2}}, 4},
+      {"zigzag", {{0, 0}, {1, 2}, {2, 0}, {3, 2}, {4, 0}, {4, 1}, {3, 3}, {2, 1}, {1, 3}, {0, 1}}, 4},
+  };
+  for (Case& c : cases) {  // what the shoelace formula says, so that the table above need not be trusted
+    double twice = 0;
+    for (std::size_t i = 0; i < c.points.size(); ++i) {
+      const Vec2d a = c.points[i], b = c.points[(i + 1) % c.points.size()];
+      twice += a.x * b.y - a.y * b.x;
+    }
+    c.area = std::abs(twice) / 2;
+    SCOPED_TRACE(c.name);
+    for (std::size_t turn = 0; turn < c.points.size(); ++turn) {  // whatever corner comes first
+      for (const bool reversed : {false, true}) {
+        const Mesh m = obj_mesh(tilted_polygon(c.points, reversed), "a.obj");
+        EXPECT_NEAR(area(m), c.area, 1e-4 * c.area) << turn << reversed;
+        EXPECT_LE(m.triangle_count(), c.points.size() - 2);
+        // All triangles face the way of the outline.
+        const Vec3d up =
+            rotation(axis_angle(normalize(Vec3d{1, 2, 3}), 1.1)).vector({0, 0, (twice < 0) != reversed ? -1.0 : 1.0});
+        for (std::size_t i = 0; i < m.indices.size(); i += 3) {
+          const Vec3d p(m.positions[m.indices[i]]), q(m.positions[m.indices[i + 1]]), r(m.positions[m.indices[i + 2]]);
+          EXPECT_GT(dot(cross(q - p, r - p), up), -1e-4);
+        }
+      }
+      std::rotate(c.points.begin(), c.points.begin() + 1, c.points.end());
+    }
+  }
+}
+
+TEST(Obj, ConcavePolygonsKeepWhatBelongsToTheirCorners) {
+  const Mesh m = obj_mesh(
+      "v -1 -1 0\nv 1 0 0\nv -1 1 0\nv 0.5 0 0\nvt 0.1 0\nvt 0.2 0\nvt 0.3 0\nvt 0.4 0\nvn 0 0 1\nvn 0 1 1\n"
+      "f -4/-4/-2 -3/-3/-1 -2/-2/-2 -1/-1/-1\n",
+      "a.obj");
+  EXPECT_NEAR(area(m), 0.5, 1e-6);
+  ASSERT_EQ(m.indices.size(), 6u);
+  for (const std::uint32_t i : m.indices) {
+    const float x = m.positions[i].x, y = m.positions[i].y;
+    EXPECT_EQ(m.uvs[i].x, x == 1 ? 0.2f : x == 0.5f ? 0.4f : y < 0 ? 0.1f : 0.3f);
+    EXPECT_EQ(m.normals[i].y > 0, x > 0);
+  }
+}
+
+TEST(Obj, LargePolygonsTakeLittleTime) {
+  // A cogwheel, a comb, a spiral and noise of tens of thousands of corners; without a bound each takes minutes.
+  constexpr int kCorners = 60000;
+  std::vector<Vec2d> wheel, comb, spiral, noise;
+  for (int i = 0; i < kCorners; ++i) {
+    const double a = 2 * kPiD * i / kCorners, r = i % 2 ? 1 : 1.5, s = double(i) / kCorners;
+    wheel.push_back({r * std::cos(a), r * std::sin(a)});
+    comb.push_back({s, i % 2 ? 1.0 : 0.01});
+    const double t = std::abs(2 * s - 1), radius = (s < 0.5 ? 1.0 : 1.02) + 5 * t;
+    spiral.push_back({radius * std::cos(200 * t), radius * std::sin(200 * t)});
+    noise.push_back({std::fmod(i * 0.754877666, 1.0), std::fmod(i * 0.569840291, 1.0)});
+  }
+  comb.push_back({1, 0}), comb.push_back({0, 0});
+  for (const auto* points : {&wheel, &comb, &spiral}) {
+    double twice = 0;
+    for (std::size_t i = 0; i < points->size(); ++i) {
+      const Vec2d a = (*points)[i], b = (*points)[(i + 1) % points->size()];
+      twice += a.x * b.y - a.y * b.x;
+    }
+    std::string text, face = "f";
+    for (std::size_t i = 0; i < points->size(); ++i) {
+      text += fmt::format("v {} 0 {}\n", (*points)[i].x, (*points)[i].y);
+      face += fmt::format(" {}", i + 1);
+    }
+    EXPECT_NEAR(area(obj_mesh(text + face, "a.obj")), std::abs(twice) / 2, 1e-3 * std::abs(twice));
+  }
+  Warnings warnings;
+  const Mesh m = read_obj(tilted_polygon(noise), "a.obj", warnings);
+  EXPECT_LE(m.triangle_count(), noise.size() - 2);
+  EXPECT_FALSE(warnings.empty());
+}
+
+TEST(Obj, CrossedPolygonsAreAWarning) {
+  const auto check = [](const std::string& text, double at_most) {
+    Warnings warnings;
+    const Mesh m = read_obj(text, "a.obj", warnings);
+    EXPECT_LE(area(m), at_most) << text;
+    ASSERT_EQ(warnings.lines().size(), 1u) << text;
+    EXPECT_NE(warnings.lines()[0].find("crosses itself"), std::string::npos);
+    EXPECT_NE(warnings.lines()[0].find(fmt::format("a.obj:{}", std::count(text.begin(), text.end(), '\n'))),
+              std::string::npos)
+        << warnings.lines()[0];
+  };
+  check(tilted_polygon({{-1, -1}, {1, -1}, {-1, 1}, {1, 1}}), 4.001);  // bow tie; its lobes cancel out
+  check(tilted_polygon({{-1, -1}, {1, -1}, {-1, 2}, {1, 1}}), 6);      // another
+  std::vector<Vec2d> star;
+  for (int i = 0; i < 5; ++i) star.push_back({std::cos(4 * kPiD / 5 * i), std::sin(4 * kPiD / 5 * i)});
+  check(tilted_polygon(star), 4);
+  check(tilted_polygon({{0, 0}, {3, 0}, {3, 3}, {1, -1}, {0, 3}}), 12.1);
+  // A fold out of the plane is no crossing, nor is a polygon without area.
+  EXPECT_EQ(obj_mesh("v 0 0 0\nv 1 0 0\nv 1 1 0.5\nv 0 1 0\nf 1 2 3 4\n", "a.obj").triangle_count(), 2u);
+  EXPECT_EQ(area(obj_mesh("v 0 0 0\nv 1 0 0\nv 2 0 0\nv 3 0 0\nv 1 0 0\nf 1 2 3 4 5\n", "a.obj")), 0);
+  EXPECT_EQ(area(obj_mesh("v 0 0 0\nv 0 0 0\nf 1 2 1 2 1\n", "a.obj")), 0);
+  EXPECT_NO_THROW(obj_mesh("v 3e38 0 0\nv -3e38 0 0\nv 0 3e38 0\nv 0 1e38 0\nv 1 2 3\nf 1 3 2 4\n", "a.obj"));
+}
+
 TEST(Obj, NegativeIndicesCountBack) {
   const Mesh m =
-      read_obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf -3//-1 -2//-1 -1//-1\nv 5 5 5\nf -4 -3 -1\n", "a.obj");
+      obj_mesh("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf -3//-1 -2//-1 -1//-1\nv 5 5 5\nf -4 -3 -1\n", "a.obj");
   ASSERT_EQ(m.triangle_count(), 2u);
   EXPECT_EQ(m.positions[m.indices[5]], (Vec3f{5, 5, 5}));
   EXPECT_EQ(m.positions[m.indices[3]], (Vec3f{0, 0, 0}));
@@ -81,8 +278,8 @@ TEST(Obj, BlocksJoinWhateverTheThreads) {
     text += fmt::format("v {0}.0000000 0.125 1\nv {0}.5 1 1e-3\nv {0}.25 {1} -2\nvt 0.5 0.25\nf -3/-1 -2/-1 -1/{2}\n",
                         i, i % 7, i + 1);
   Mesh one, seven;
-  with_threads(1, [&] { one = read_obj(text, "big.obj"); });
-  with_threads(7, [&] { seven = read_obj(text, "big.obj"); });
+  with_threads(1, [&] { one = obj_mesh(text, "big.obj"); });
+  with_threads(7, [&] { seven = obj_mesh(text, "big.obj"); });
   ASSERT_EQ(one.triangle_count(), std::size_t(kTriangles));
   ASSERT_EQ(one.positions.size(), std::size_t(3 * kTriangles));
   for (std::size_t i = 0; i < one.indices.size(); ++i) ASSERT_EQ(one.indices[i], i);
@@ -91,7 +288,7 @@ TEST(Obj, BlocksJoinWhateverTheThreads) {
   EXPECT_EQ(one.indices, seven.indices);
   EXPECT_EQ(one.uvs, seven.uvs);
   text += "f 1 2 400000\n";
-  EXPECT_TRUE(Fails(ErrorCode::kBadInput, 5 * kTriangles + 1, [&] { read_obj(text, "big.obj"); }));
+  EXPECT_TRUE(Fails(ErrorCode::kBadInput, 5 * kTriangles + 1, [&] { obj_mesh(text, "big.obj"); }));
 }
 
 TEST(Obj, ManyVerticesAtOnePositionStayDistinct) {
@@ -100,7 +297,7 @@ TEST(Obj, ManyVerticesAtOnePositionStayDistinct) {
   for (int i = 0; i < kCount; ++i) text += fmt::format("vt {} 0\n", i);
   for (int round = 0; round < 2; ++round)
     for (int i = 0; i < kCount; ++i) text += fmt::format("f 1/{} 2/1 3/1\n", i + 1);
-  const Mesh m = read_obj(text, "a.obj");
+  const Mesh m = obj_mesh(text, "a.obj");
   EXPECT_EQ(m.positions.size(), std::size_t(kCount + 2));
   EXPECT_EQ(m.uvs[m.indices[3 * 4321]].x, 4321);
   EXPECT_EQ(m.indices[3 * 4321], m.indices[3 * (kCount + 4321)]);
@@ -108,7 +305,7 @@ TEST(Obj, ManyVerticesAtOnePositionStayDistinct) {
 
 TEST(Obj, ErrorsNameTheLine) {
   const auto fails = [](int line, const char* text) {
-    return Fails(ErrorCode::kBadInput, line, [&] { read_obj(text, "a.obj"); });
+    return Fails(ErrorCode::kBadInput, line, [&] { obj_mesh(text, "a.obj"); });
   };
   EXPECT_TRUE(fails(2, "v 0 0 0\nv 1 x 0\n"));
   EXPECT_TRUE(fails(1, "v 0 0\n"));
@@ -123,8 +320,8 @@ TEST(Obj, ErrorsNameTheLine) {
   EXPECT_TRUE(fails(4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n"));
   EXPECT_TRUE(fails(4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3z\n"));
   EXPECT_TRUE(fails(4, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999999\n"));
-  EXPECT_EQ(read_obj("", "a.obj").triangle_count(), 0u);
-  EXPECT_EQ(read_obj("v 0 1e-999 0", "a.obj").triangle_count(), 0u);
+  EXPECT_EQ(obj_mesh("", "a.obj").triangle_count(), 0u);
+  EXPECT_EQ(obj_mesh("v 0 1e-999 0", "a.obj").triangle_count(), 0u);
 }
 
 // --- PLY -------------------------------------------------------------------------------------------------------------
@@ -196,6 +393,46 @@ TEST(Ply, FaceColorsFollowTheTrianglesOfAPolygon) {
   EXPECT_EQ(m.colors[1], Rgb(0.1f, 0.2f, 0.3f));
   EXPECT_EQ(m.colors[2], Rgb(0.5f, 0.6f, 0.7f));
   EXPECT_FALSE(warnings.empty());  // quality and edge
+}
+
+TEST(Ply, ConcavePolygonsWithColorsAndWideIndices) {
+  constexpr const char* kHeader =
+      "ply\nformat {} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+      "element face 2\nproperty list {} vertex_indices\nproperty uchar red\nproperty uchar green\n"
+      "property uchar blue\nend_header\n";
+  const std::string ascii = "\xEF\xBB\xBF" + fmt::format(kHeader, "ascii", "int64 uint64") +
+                            "-1 -1 0\n1 0 0\n-1 1 0\n0.5 0 0\n4 0 1 2 3 255 0 0\n3 0 1 2 0 0 255\n";
+  std::string binary = fmt::format(kHeader, "binary_big_endian", "uint64 long");
+  for (const float v : {-1.0f, -1.0f, 0.0f, 1.0f, 0.0f, 0.0f, -1.0f, 1.0f, 0.0f, 0.5f, 0.0f, 0.0f})
+    put(binary, v, true);
+  put(binary, std::uint64_t(4), true);
+  for (const int i : {0, 1, 2, 3}) put(binary, std::int64_t(i), true);
+  for (const int c : {255, 0, 0}) put(binary, std::uint8_t(c));
+  put(binary, std::uint64_t(3), true);
+  for (const int i : {0, 1, 2}) put(binary, std::int64_t(i), true);
+  for (const int c : {0, 0, 255}) put(binary, std::uint8_t(c));
+  for (const std::string& bytes : {ascii, binary}) {
+    Warnings warnings;
+    const Mesh m = read_ply(bytes, "a.ply", warnings);
+    EXPECT_TRUE(warnings.empty());
+    ASSERT_EQ(m.triangle_count(), 3u);
+    EXPECT_NEAR(area(m), 0.5 + 2, 1e-6);
+    ASSERT_EQ(m.colors.size(), 3u);
+    EXPECT_EQ(m.colors[1], Rgb(1, 0, 0));
+    EXPECT_EQ(m.colors[2], Rgb(0, 0, 1));
+  }
+}
+
+TEST(Ply, FacesMayComeBeforeVertices) {
+  Warnings warnings;
+  const Mesh m = read_ply(
+      "ply\nformat ascii 1.0\nelement face 2\nproperty list uchar int vertex_index\nelement vertex 4\n"
+      "property float x\nproperty float y\nproperty float z\nend_header\n"
+      "4 0 1 2 3\n4 0 2 1 3\n-1 -1 0\n1 -1 0\n1 1 0\n-1 1 0\n",
+      "a.ply", warnings);
+  EXPECT_EQ(m.triangle_count(), 4u);
+  ASSERT_EQ(warnings.lines().size(), 1u);  // the second face crosses itself
+  EXPECT_NE(warnings.lines()[0].find("a.ply:11"), std::string::npos) << warnings.lines()[0];
 }
 
 TEST(Ply, ErrorsNameTheLine) {
@@ -360,7 +597,7 @@ TEST(Normals, FillsOnlyWhatIsMissing) {
 TEST(Normals, CreasesBreakAtTheAngle) {
   // Two squares that meet at 45 degrees.
   const auto roof = [] {
-    return read_obj("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 1\nv 2 1 1\nf 1 2 3 4\nf 2 5 6 3\n", "roof.obj");
+    return obj_mesh("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 1\nv 2 1 1\nf 1 2 3 4\nf 2 5 6 3\n", "roof.obj");
   };
   Mesh sharp = roof();
   crease_normals(sharp, 44 * kPi / 180);

@@ -133,12 +133,6 @@ TEST(MitsubaXml, ErrorsHaveCodeLineAndAdvice) {
        ErrorCode::kOutOfRange, 3, "up"},
       {"<shape type=\"disk\"><transform name=\"to_world\">\n<shear x=\"1\"/></transform></shape>",
        ErrorCode::kUnknownName, 3, "lookat"},
-      {"<shape type=\"disk\">\n<transform name=\"to_world\"><scale x=\"0\"/></transform></shape>",
-       ErrorCode::kOutOfRange, 3, "invertible"},
-      {"<shape type=\"disk\">\n<animation name=\"to_world\"><transform time=\"1\"/>\n<transform "
-       "time=\"1\"/></animation></shape>",
-       ErrorCode::kBadInput, 4, "increase"},
-      {"<shape type=\"disk\">\n<animation name=\"to_world\"/></shape>", ErrorCode::kBadInput, 3, "at least one"},
       {"<shape type=\"disk\">\n<ref id=\"wal\"/></shape><bsdf id=\"wall\" type=\"diffuse\"/>", ErrorCode::kUnknownName,
        3, "known: wall"},
       {"<bsdf id=\"a\" type=\"diffuse\"/>\n<bsdf id=\"a\" type=\"diffuse\"/>", ErrorCode::kBadInput, 3, "taken"},

@@ -11,18 +11,20 @@
 
 namespace tempera {
 
-/// All faces of a Wavefront OBJ file as one mesh; polygons become fans around their first vertex. One vertex for each
-/// distinct triple of position, texture coordinate and normal, in the order of first use. Normals are unit or, where
-/// the file gives none for a vertex while it does for others, zero. v of texture coordinates as stored (0 at the
-/// bottom). Groups, materials, lines, points and curves are skipped. Errors: Error{kBadInput} at the line in `file` for
-/// numbers that cannot be read, that are not finite, or indices out of range. Memory: a small multiple of the text's
-/// size. Threads: re-entrant, uses parallel loops.
-Mesh read_obj(std::string_view text, const std::string& file);
+/// All faces of a Wavefront OBJ file as one mesh; polygons become triangles (fans around their first vertex if they are
+/// convex; concave ones are covered exactly; those that cross themselves overlap, with a note in `warnings`). One
+/// vertex for each distinct triple of position, texture coordinate and normal, in the order of first use. Normals are
+/// unit or, where the file gives none for a vertex while it does for others, zero. v of texture coordinates as stored
+/// (0 at the bottom). A backslash at the end of a line continues it. Groups, materials, lines, points and curves are
+/// skipped. Errors: Error{kBadInput} at the line in `file` for numbers that cannot be read, that are not finite, or
+/// indices out of range. Memory: a small multiple of the text's size. Threads: re-entrant, uses parallel loops.
+Mesh read_obj(std::string_view text, const std::string& file, Warnings& warnings);
 
 /// A PLY file, ascii or binary of either byte order. Reads x y z, nx ny nz, u v (or s t, texture_u texture_v), colors
 /// (r g b, red green blue, color_r …; alpha too) of vertices or else of faces, and vertex_index lists. Integer colors
-/// are scaled from their range to [0,1]. Other properties and elements are skipped with a note in `warnings`. Errors:
-/// Error{kBadInput} at the line of the header or of ascii data, Error{kUnsupported} for another PLY version.
+/// are scaled from their range to [0,1]. Polygons as in `read_obj`. Other properties and elements are skipped with a
+/// note in `warnings`. Errors: Error{kBadInput} at the line of the header or of ascii data, Error{kUnsupported} for
+/// another PLY version.
 Mesh read_ply(std::string_view bytes, const std::string& file, Warnings& warnings);
 
 /// Mesh number `shape_index` (from 0) of a Mitsuba serialized file, format version 3 or 4, single or double precision.
