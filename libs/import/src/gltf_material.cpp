@@ -91,12 +91,12 @@ Animated<Rgb> product(const Animated<Rgb>& a, const Animated<Rgb>& b) {
     all.erase(std::unique(all.begin(), all.end()), all.end());
     const bool steps = a.interpolation() == Interpolation::kStep && b.interpolation() == Interpolation::kStep;
     std::vector<Rgb> values;
-    const auto add = [&](double key, double t) {
-      times.push_back(key);
-      values.push_back(a.at(t) * b.at(t));
+    const auto add = [&](double t, double piece) {
+      times.push_back(t);
+      values.push_back(a.at(t, piece) * b.at(t, piece));
     };
     for (const double t : all) {
-      if (!steps && (jumps_at(a, t) || jumps_at(b, t))) add(t, std::nextafter(t, -1e300));
+      if (!steps && (jumps_at(a, t) || jumps_at(b, t))) add(t, t - 2 * key_tolerance(t));
       add(t, t);
     }
     return {times, values, steps ? Interpolation::kStep : Interpolation::kLinear};

@@ -36,6 +36,8 @@ bool is_singular(const Affine3d& map) {
 }
 
 std::optional<Affine3d> with_thickness(const Affine3d& map) {
+  constexpr double kLeast = 1e-30;  // meters: single precision, in which shapes are placed, has nothing below
+  if (!(std::max({length(map.x), length(map.y), length(map.z)}) > kLeast)) return std::nullopt;
   if (!is_singular(map)) return map;
   Affine3d m = map;
   const double size = rescale(m);
