@@ -111,16 +111,18 @@ class EarCutter {
 
   /// Takes out corners at the place of the next one, and tips that the outline goes to and straight back from.
   void drop_repeated() {
-    std::uint32_t i = start_, stop = start_;
-    do {
+    std::uint32_t i = start_;
+    for (std::size_t kept = 0; kept < left_ && left_ > 2;) {
       const std::uint32_t before = previous_[i], after = next_[i];
       if (p_[i] == p_[after] || p_[before] == p_[after]) {
         unlink(i);
-        i = stop = before;
+        i = before;  // it may be a tip now
+        kept = 0;
       } else {
         i = after;
+        ++kept;
       }
-    } while (i != stop && left_ > 2);
+    }
   }
 
   /// Whether the outline turns by a full circle in all, as one does that does not cross itself. Where it goes back on
