@@ -71,7 +71,7 @@ TEST_F(Singular, CamerasAndLightsIgnoreTheScaleOfTheirNode) {
     expect_near(l.y, light.y, 1e-6), expect_near(l.z, light.z, 1e-6),
         expect_near(l.translation, light.translation, 1e-6);
   };
-  for (const char* s : {"0,0,0", "0,1,1", "1,0,1", "1,1,0", "2,3,0.5"})
+  for (const char* s : {"0,0,0", "0,1,1", "1,0,1", "1,1,0", "1e-300,1,1", "1e-300,1e-300,1e-300", "2,3,0.5"})
     check(load(asset(fmt::format("\"nodes\":[{}],{}", node(fmt::format(",\"scale\":[{}]", s)), rest))), 0);
   // A scale that moves, through 0.
   Buffer buffer;
