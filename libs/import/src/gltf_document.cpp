@@ -185,17 +185,11 @@ void GltfDocument::read_container(const ImportOptions& options) {
     throw Error(ErrorCode::kSyntax, locate(name, bytes, offset), fmt::format("{} (at byte {})", message, offset));
   };
 
-  const auto read_json = [&](std::size_t begin, std::size_t end) {
-    const std::string_view text = bytes.substr(begin, end - begin);
-    if (skip_byte_order_mark(text).size() != text.size())
-      warnings_.add("a byte order mark before JSON is no valid glTF", locate(name, bytes, begin));
-    json_.emplace(name, bytes, begin, end, options.memory_limit);
-  };
   std::string extension = file_.extension().string();
   std::transform(extension.begin(), extension.end(), extension.begin(), [](char c) { return char(c | 0x20); });
   if (bytes.substr(0, 4) != "glTF") {
     if (extension == ".glb") fail(0, "not a binary glTF file: it does not start with \"glTF\"");
-    read_json(0, bytes.size());
+    json_.emplace(name, bytes, 0, bytes.size(), options.memory_limit);
     return;
   }
 
@@ -220,7 +214,7 @@ void GltfDocument::read_container(const ImportOptions& options) {
     if (chunk == 0) {
       if (type != kJson) fail(at + 4, "the first chunk is not JSON");
       if (size == 0) fail(at, "the JSON chunk is empty");
-      read_json(begin, begin + size);
+      json_.emplace(name, bytes, begin, begin + size, options.memory_limit);
     } else if (type == kJson) {
       fail(at + 4, "a second JSON chunk");
     } else if (type == kBin) {

@@ -18,7 +18,6 @@ TEST_F(Names, ByteOrderMarksAreSkipped) {
   Warnings warnings;
   EXPECT_EQ(import_gltf(write("a.gltf", kMark + json), {}, warnings).nodes.size(), 1u);
   EXPECT_EQ(import_gltf(write("a.glb", glb(kMark + json, "")), {}, warnings).nodes.size(), 1u);
-  EXPECT_NE(warnings.lines().at(0).find("byte order mark"), std::string::npos);
   // Places are still those of the file.
   expect_error(kMark + asset("\n\"nodes\":3"), ErrorCode::kBadInput, 2, "is a number");
 
