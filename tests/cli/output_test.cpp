@@ -209,9 +209,9 @@ TEST_F(CliOutput, CausesAreNamedWhereTheyStand) {
 }
 
 TEST_F(CliOutput, FlatCamerasAreRefusedBeforeRendering) {
-  // The camera's scale goes to zero at 1 s.
+  // The scale of what the camera hangs on goes to zero at 1 s.
   const std::string scene = write("flat.gltf", R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
-"nodes": [{"camera": 0}], "cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}}],
+"nodes": [{"children": [1]}, {"camera": 0}], "cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}}],
 "animations": [{"channels": [{"sampler": 0, "target": {"node": 0, "path": "scale"}}],
   "samplers": [{"input": 0, "output": 1}]}],
 "buffers": [{"byteLength": 32, "uri": "data:application/octet-stream;base64,AAAAAAAAgD8AAIA/AACAPwAAgD8AAAAAAAAAAAAAAAA="}],

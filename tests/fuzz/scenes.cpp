@@ -28,7 +28,7 @@ float random1(std::uint64_t i, std::uint64_t j) { return to_unit_float(std::uint
 
 }  // namespace
 
-void exercise(const Scene& scene, [[maybe_unused]] std::string_view input) {
+void exercise(const Scene& scene, std::string_view input) {
 #ifdef TEMPERA_FUZZ_SPARSELY
   if (std::hash<std::string_view>{}(input) % 4) return;
 #endif
@@ -43,12 +43,14 @@ void exercise(const Scene& scene, [[maybe_unused]] std::string_view input) {
   const double begin = std::clamp(scene.animation.begin, -1e3, 1e3);
   const TimeSpan exposure{begin, begin + 2 * kStep}, evaluation{begin - 4 * kStep, begin + 6 * kStep};
   GeometryCache cache;
-  const RayScene rays(scene, exposure, evaluation, {.motion_step = kStep}, cache);
+  const std::vector<TimeSpan> pieces = exposure_pieces(scene, exposure, kStep);
+  const TimeSpan piece = pieces[std::hash<std::string_view>{}(input) % pieces.size()];
+  const RayScene rays(scene, piece, evaluation, {.motion_step = kStep}, cache);
   const LightSampler lights(scene, rays);
 
   const auto shoot = [&](const Vec3f& o, const Vec3f& d, std::uint64_t i) {
     if (!is_finite(o) || !is_finite(d)) return;
-    const double t = begin + 2 * kStep * random1(i, 2);
+    const double t = piece.begin + piece.length() * random1(i, 2);
     (void)lights.environment(d, t);
     (void)lights.sample(o, t, random1(i, 3), {random1(i, 4), random1(i, 5)});
     const auto hit = rays.intersect({.o = o, .d = d, .time = t});

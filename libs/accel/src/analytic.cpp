@@ -22,7 +22,8 @@ std::optional<UnitHit> intersect(Kind kind, const Vec3d& o, const Vec3d& d, doub
   const bool sphere = kind == Kind::kSphere;
   const double a = d.x * d.x + d.y * d.y + (sphere ? d.z * d.z : 0);
   if (!(a > 0)) return std::nullopt;
-  // From where the ray is closest to the axis or center: its origin may be millions of radii away where a shape is flat.
+  // From where the ray is closest to the axis or center: its origin may be millions of radii away where a shape is
+  // flat.
   const double closest = -(o.x * d.x + o.y * d.y + (sphere ? o.z * d.z : 0)) / a;
   const Vec3d c = o + d * closest;
   const double half2 = (1 - (c.x * c.x + c.y * c.y + (sphere ? c.z * c.z : 0))) / a;

@@ -43,7 +43,7 @@ struct PlacedShape {
   const Mesh* mesh = nullptr;  // null: analytic
   AnalyticShape analytic{};    // object_from_unit already in the frame that Embree sees
   Affine3f unit_from_object;
-  bool tangents = true;              // the material needs them
+  bool tangents = true;             // the material needs them
   bool mirrored = false;            // vertices were moved by a mirroring map: winding shows the back
   bool mirroring_changes = false;   // deforming: over the evaluation span
   std::vector<KnotVertices> knots;  // 1 for non-deforming meshes

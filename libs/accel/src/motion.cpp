@@ -20,6 +20,11 @@ MotionPieces::MotionPieces(MotionGrid grid, TimeSpan span, std::vector<double> j
   for (const double t : jumps) {
     if (t > cuts.back() && t < span.end) cuts.push_back(t);
   }
+  constexpr std::size_t kMostPieces = 4096;  // of more, which no motion needs, every n-th
+  if (const std::size_t n = (cuts.size() + kMostPieces - 1) / kMostPieces; n > 1) {
+    for (std::size_t i = 0; i * n < cuts.size(); ++i) cuts[i] = cuts[i * n];
+    cuts.resize((cuts.size() + n - 1) / n);
+  }
   for (std::size_t i = 0; i < cuts.size(); ++i) {
     TimeSpan piece{cuts[i], i + 1 < cuts.size() ? cuts[i + 1] : span.end};
     const bool holds_whole = middle >= piece.begin && (middle < piece.end || i + 1 == cuts.size());

@@ -27,8 +27,8 @@ struct AffineKnot {
 /// their signs; one or all change theirs if the map is mirrored against `near`, and two if the alternative is nearly
 /// half a turn. `near` also fills in what a singular map leaves open; without it mirrored maps get a negative scale.z.
 AffineKnot decompose(const Affine3d& m, const AffineKnot* near = nullptr);
-/// Consecutive maps of one motion, decomposed so that their interpolation takes the short way everywhere: a scale passes
-/// through zero where it changes its sign, and maps that are singular turn with their neighbours.
+/// Consecutive maps of one motion, decomposed so that their interpolation takes the short way everywhere: a scale
+/// passes through zero where it changes its sign, and maps that are singular turn with their neighbours.
 std::vector<AffineKnot> decompose(std::span<const Affine3d> motion);
 Affine3f compose(const AffineKnot& k);
 /// Between knots: linear in scale, skew and translation, slerp in rotation.

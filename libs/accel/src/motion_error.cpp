@@ -31,7 +31,8 @@ std::vector<Vec3f> some_points(const Scene& scene, const std::vector<int>& group
             return {};
           },
           geometry);
-      for (int i = 0; i < 8; ++i) points.push_back(m.point({i & 1 ? 1.0f : -1.0f, i & 2 ? 1.0f : -1.0f, i & 4 ? 1.0f : -1.0f}));
+      for (int i = 0; i < 8; ++i)
+        points.push_back(m.point({i & 1 ? 1.0f : -1.0f, i & 2 ? 1.0f : -1.0f, i & 4 ? 1.0f : -1.0f}));
     }
   }
   return points;

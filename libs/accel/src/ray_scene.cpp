@@ -15,11 +15,11 @@ struct RayScene::Impl {
   const Scene* scene = nullptr;
   GeometryCache::Impl* cache = nullptr;
   TimeSpan rays;
-  MotionPieces pieces;                         // of the evaluation span
-  std::size_t first_knot = 0, last_knot = 0;   // of the ray span, among those of `pieces`
-  double ray_begin = 0, ray_scale = 0;         // Embree's time = (t - ray_begin) * ray_scale
-  float largest_inverse = 1;                   // by which an instance may scale up a ray, at most
-  RTCScene top = nullptr;                      // own_top, or the static scene itself
+  MotionPieces pieces;                        // of the evaluation span
+  std::size_t first_knot = 0, last_knot = 0;  // of the ray span, among those of `pieces`
+  double ray_begin = 0, ray_scale = 0;        // Embree's time = (t - ray_begin) * ray_scale
+  float largest_inverse = 1;                  // by which an instance may scale up a ray, at most
+  RTCScene top = nullptr;                     // own_top, or the static scene itself
   EmbreeScene own_top;
   bool top_is_static = false;
   Bounds3f bounds;

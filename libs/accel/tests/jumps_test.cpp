@@ -229,8 +229,8 @@ TEST(Jumps, NothingLiesBetweenTwoPoses) {
 
 TEST(Jumps, WhatMovesUpToAJumpKeepsItsPaceUntilThen) {
   SceneBuilder b;
-  b.add(make_cube(), b.node(moving({0, 0.6, 0.6, 1}, {{0, 0, 0}, {6, 0, 0}, {100, 0, 0}, {104, 0, 0}},
-                                   Interpolation::kLinear)));
+  b.add(make_cube(),
+        b.node(moving({0, 0.6, 0.6, 1}, {{0, 0, 0}, {6, 0, 0}, {100, 0, 0}, {104, 0, 0}}, Interpolation::kLinear)));
   const auto pieces = exposure_pieces(b.scene, {0, 1}, 0.25);
   ASSERT_EQ(pieces.size(), 2u);
   GeometryCache cache;

@@ -116,7 +116,7 @@ class EarCutter {
       const std::uint32_t before = previous_[i], after = next_[i];
       if (p_[i] == p_[after] || p_[before] == p_[after]) {
         unlink(i);
-        i = before;  // it may be a tip now
+        i = before;
         kept = 0;
       } else {
         i = after;

@@ -20,7 +20,8 @@ TimeSpan middle(const FrameClock& clock, int frame) {
 
 FrameScene::FrameScene(const Scene& scene, const RenderSettings& settings, const LightPathClassifier& classifier,
                        int frame, double motion_step, GeometryCache& cache)
-    : camera_(scene, settings.camera, settings.width, settings.height, evaluation_span(settings.clock, frame), motion_step),
+    : camera_(scene, settings.camera, settings.width, settings.height, evaluation_span(settings.clock, frame),
+              motion_step),
       cache_(cache),
       motion_step_(motion_step) {
   const TimeSpan evaluation = evaluation_span(settings.clock, frame);
@@ -46,8 +47,8 @@ std::uint64_t FrameScene::memory() const {
 
 PrecedingFrame::PrecedingFrame(const FrameScene& now)
     : rays_(now.contexts_[0].scene, middle(now.contexts_[0].settings.clock, now.contexts_[0].frame - 1),
-            evaluation_span(now.contexts_[0].settings.clock, now.contexts_[0].frame - 1), {.motion_step = now.motion_step_},
-            now.cache_),
+            evaluation_span(now.contexts_[0].settings.clock, now.contexts_[0].frame - 1),
+            {.motion_step = now.motion_step_}, now.cache_),
       context_{now.contexts_[0].scene,      rays_,
                now.contexts_[0].lights,     now.camera_,
                now.contexts_[0].classifier, now.contexts_[0].settings,

@@ -43,7 +43,8 @@ class PathIntegrator final : public Integrator {
       const CameraSample camera = camera_sample(context, x, y, index);
       const Vec3f axis = film.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
       NoObserver none;
-      const SampleResult r = trace_path(context.at(camera.time), options_, camera, axis, film.sample_classes(), film.features(), none);
+      const SampleResult r =
+          trace_path(context.at(camera.time), options_, camera, axis, film.sample_classes(), film.features(), none);
       ++samples;
       rays += r.rays;
       shadow_rays += r.shadow_rays;

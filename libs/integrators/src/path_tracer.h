@@ -205,7 +205,7 @@ struct Extension {
   const Vertex* to;          ///< null: the environment
   Rgb emitted;               ///< radiance that `to` sends back
   float light_pdf;           ///< with which next-event estimation at `from` would have found `to`; 0: it could not
-  float pass_probability;               ///< probability of passing the masks on the way
+  float pass_probability;    ///< probability of passing the masks on the way
   std::uint32_t index;       ///< of `to` in the path
   const Rgb& gathered;       ///< radiance that the path had found before it arrived at `to`
 };
@@ -248,7 +248,8 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
   BsdfSample sampled;
   Rgb step, gathered;
   float survival = 1;
-  const auto observe = [&](std::uint32_t index, const Vertex* to, const Rgb& emitted, float light_pdf, float pass_probability) {
+  const auto observe = [&](std::uint32_t index, const Vertex* to, const Rgb& emitted, float light_pdf,
+                           float pass_probability) {
     if constexpr (Observer::kActive) {
       if (index == 0) {
         observer.start(to, emitted);

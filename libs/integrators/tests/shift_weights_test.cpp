@@ -152,13 +152,15 @@ class Pair {
     Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, camera.time};
     int passed = 0;
     float pass_probability = 1;
-    return follow(view_.context, camera.stream, 0, ray, &camera, v, passed, pass_probability) == EdgeEnd::kSurface && finish(v);
+    return follow(view_.context, camera.stream, 0, ray, &camera, v, passed, pass_probability) == EdgeEnd::kSurface &&
+           finish(v);
   }
   bool go(const Vertex& from, const Vec3f& wi, Vertex& v) const {
     Ray ray{view_.rays.offset_origin(from.s.p, from.s.ng, wi), wi, 0, kInfinity, 0};
     int passed = 0;
     float pass_probability = 1;
-    return follow(view_.context, base_.camera.stream, 1, ray, nullptr, v, passed, pass_probability) == EdgeEnd::kSurface &&
+    return follow(view_.context, base_.camera.stream, 1, ray, nullptr, v, passed, pass_probability) ==
+               EdgeEnd::kSurface &&
            finish(v);
   }
   static bool finish(Vertex& v) {

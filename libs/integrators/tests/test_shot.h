@@ -76,8 +76,8 @@ struct TestShot {
     FrameContext context = frame_scene.context(nullptr, only_for_next_frame);
     std::optional<Frame> layers_before;
     if (!only_for_next_frame && !renderer->layers_for_next_frame().empty()) layers_before = render(frame - 1, true);
-    const auto plan =
-        renderer->prepare(context, renderer->frames_before() ? &before.context() : nullptr, layers_before ? &*layers_before : nullptr);
+    const auto plan = renderer->prepare(context, renderer->frames_before() ? &before.context() : nullptr,
+                                        layers_before ? &*layers_before : nullptr);
     context.plan = plan.get();
     Frame out = make_frame(*renderer, scaled, scene);
     RenderCounters counters;

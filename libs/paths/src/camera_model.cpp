@@ -100,8 +100,9 @@ CameraModel::Knot CameraModel::sample(const Scene& scene, const Camera& camera, 
   };
   constexpr double kHuge = 1e18;
   const double half_width =
-      perspective_ ? std::tan(in_range(camera.fov_x.at(t, piece), 0, kPiD, "a horizontal field of view of", "0 to pi") / 2)
-                   : in_range(camera.width.at(t, piece), 0, kHuge, "a width of", "above 0") / 2;
+      perspective_
+          ? std::tan(in_range(camera.fov_x.at(t, piece), 0, kPiD, "a horizontal field of view of", "0 to pi") / 2)
+          : in_range(camera.width.at(t, piece), 0, kHuge, "a width of", "above 0") / 2;
   if (camera.keep_vertical_fov) {
     k.half_height = half_width / in_range(camera.authored_aspect, 0, kHuge, "an aspect ratio of", "above 0");
     k.half_width = k.half_height * aspect_;

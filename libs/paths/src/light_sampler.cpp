@@ -90,8 +90,8 @@ struct LightSampler::Impl {
   std::vector<EnvironmentMap> environments;
   std::unordered_map<std::uint64_t, std::uint32_t> area_index;  // (instance, shape) -> areas
   LightChoice choice;                                           // areas, then punctual lights, then environments
-  TimeSpan span;              // of the rays
-  double reference_time = 0;  // its middle
+  TimeSpan span;                                                // of the rays
+  double reference_time = 0;                                    // its middle
 
   /// Means over the span of what changes within it: a light that is off in the middle may shine at its ends. Keys are
   /// looked at, and some times between.
@@ -278,8 +278,8 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
       const Shape& shape = scene.shapes[std::size_t(shape_index)];
       if (!shape.emission) continue;
       const Slot& emitted = shape.emission->radiance;
-      const float radiance = s.mean_over_span(
-          [&](double t) { return std::max(0.0f, luminance(emitted.mean(t))); }, emitted.factor);
+      const float radiance =
+          s.mean_over_span([&](double t) { return std::max(0.0f, luminance(emitted.mean(t))); }, emitted.factor);
       if (!(radiance > 0)) continue;
       AreaLight light;
       light.instance = i;
@@ -310,8 +310,7 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
         light.analytic = int(shape.geometry.index());
       }
       reaches.push_back(s.reach_of(light, radiance));
-      powers.push_back(kPi * radiance * s.area_of(light, s.reference_time) *
-                       (light.emission->two_sided ? 2.0f : 1.0f));
+      powers.push_back(kPi * radiance * s.area_of(light, s.reference_time) * (light.emission->two_sided ? 2.0f : 1.0f));
       s.area_index[(std::uint64_t(i) << 32) | light.shape] = std::uint32_t(s.areas.size());
       s.areas.push_back(std::move(light));
     }

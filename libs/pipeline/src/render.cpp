@@ -83,9 +83,11 @@ struct PreparedFrame {
   std::unique_ptr<FramePlan> plan;
   bool only_for_next_frame;
 
-  /// `rendered`: as Integrator::prepare takes it; `only_for_next_frame`: whether only what the next frame needs is wanted.
+  /// `rendered`: as Integrator::prepare takes it; `only_for_next_frame`: whether only what the next frame needs is
+  /// wanted.
   PreparedFrame(Sequence& q, int frame, const Frame* rendered, bool only_for_next_frame_ = false)
-      : scene(q.scene, q.shot.settings, q.classifier, frame, q.motion_step(), q.cache), only_for_next_frame(only_for_next_frame_) {
+      : scene(q.scene, q.shot.settings, q.classifier, frame, q.motion_step(), q.cache),
+        only_for_next_frame(only_for_next_frame_) {
     if (q.integrator->frames_before() == 0 || only_for_next_frame) {
       plan = q.integrator->prepare(context(), nullptr, nullptr);
       return;
@@ -439,7 +441,8 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
         log_info(fmt::format("frame {}: starting over, because {} cannot be used: {}", f, partial, why));
       }
     }
-    if (needs_before && (!before_layers || before_layers->first != f - 1)) before_layers = {f - 1, layers_of_frame_before(q, f - 1, halt.get_token())};
+    if (needs_before && (!before_layers || before_layers->first != f - 1))
+      before_layers = {f - 1, layers_of_frame_before(q, f - 1, halt.get_token())};
     const PreparedFrame prepared(q, f, needs_before ? &before_layers->second : nullptr);
     log_debug(fmt::format("frame {}: built in {:.3f} s, {:.1f} MiB, {} pieces between jumps", f, now() - frame_begin,
                           double(prepared.scene.memory()) / (1 << 20), prepared.scene.piece_count()));

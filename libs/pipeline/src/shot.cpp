@@ -489,7 +489,8 @@ void settle_motion(const ShotConfig& config, Scene& scene, Shot& shot) {
   if (const std::string& text = config.get_string("motion_segments"); text != "auto") {
     segments = numbers<int>(config, "motion_segments", 1, "auto, or a whole number from 1 to 1024")[0];
     if (*segments < 1 || *segments > 1024) {
-      throw out_of_range(config, "motion_segments", fmt::format("motion_segments = {} is not within 1 to 1024", *segments));
+      throw out_of_range(config, "motion_segments",
+                         fmt::format("motion_segments = {} is not within 1 to 1024", *segments));
     }
   }
   shot.motion_segments = settle_motion_segments(scene, s, segments);

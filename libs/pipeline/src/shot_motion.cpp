@@ -183,9 +183,10 @@ std::vector<int> find_cuts(const Scene& scene, const RenderSettings& settings, c
     }
   }
   if (!flights.empty()) {
-    log_warning(fmt::format("the camera \"{}\" flies from one view to another within a frame; if these are cuts, write "
-                            "cuts = [{}] into the shot",
-                            camera.name, fmt::join(flights, ", ")));
+    log_warning(
+        fmt::format("the camera \"{}\" flies from one view to another within a frame; if these are cuts, write "
+                    "cuts = [{}] into the shot",
+                    camera.name, fmt::join(flights, ", ")));
   }
   return {cuts.begin(), cuts.end()};
 }
@@ -206,7 +207,8 @@ std::vector<TimeSpan> animated_exposures(const Scene& scene, const FrameClock& c
   const auto frame_at = [&](double t) { return clock.first + (t - clock.start) * clock.fps; };
   const double first = std::floor(frame_at(span.begin)) - 1, last = std::ceil(frame_at(span.end)) + 1;
   if (!(std::abs(first) < 1e9) || !(std::abs(last) < 1e9)) return exposures;
-  const double stride = std::max(1.0, std::ceil((last - first) * double(std::max<std::size_t>(scene.instances.size(), 1)) / kMostMeasured));
+  const double stride = std::max(
+      1.0, std::ceil((last - first) * double(std::max<std::size_t>(scene.instances.size(), 1)) / kMostMeasured));
   for (double f = first; f <= last; f += stride) {
     const TimeSpan e = clock.exposure(int(f));
     if (e.end > span.begin && e.begin < span.end) exposures.push_back(e);

@@ -40,8 +40,13 @@ struct Stage {
 TEST(Cuts, JumpsOfTheCameraAreFound) {
   for (const Interpolation how : {Interpolation::kStep, Interpolation::kLinear}) {
     Stage s;
-    s.scene.nodes[1].local = Stage::baked([](int f) { return f < 8 ? Vec3d{0.01 * f, 0, 10} : Vec3d{50, 0.02 * f, 9}; }, how);
-    EXPECT_EQ(find_cuts(s.scene, s.settings, {}), how == Interpolation::kStep ? std::vector<int>{8} : std::vector<int>{});
+    s.scene.nodes[1].local = Stage::baked(
+        [](int f) {
+          return f < 8 ? Vec3d{0.01 * f, 0, 10} : Vec3d{50, 0.02 * f, 9};
+        },
+        how);
+    EXPECT_EQ(find_cuts(s.scene, s.settings, {}),
+              how == Interpolation::kStep ? std::vector<int>{8} : std::vector<int>{});
     EXPECT_EQ(find_cuts(s.scene, s.settings, {8}), std::vector<int>{8});
   }
 }
@@ -55,7 +60,9 @@ TEST(Cuts, ACameraThatIsAnimatedInStepsIsNotCut) {
 // Exporters bake a cut as two keys a frame apart.
 TEST(Cuts, DeclaredOnesEndTheFlight) {
   Stage s;
-  s.scene.nodes[1].local = Stage::baked([](int f) { return f < 8 ? Vec3d{0.1 * f, 0, 10} : Vec3d{50 + 0.1 * f, 0, 10}; });
+  s.scene.nodes[1].local = Stage::baked([](int f) {
+    return f < 8 ? Vec3d{0.1 * f, 0, 10} : Vec3d{50 + 0.1 * f, 0, 10};
+  });
   s.scene.nodes[0].local = Stage::baked([](int f) { return Vec3d{0.2 * f, 0, 0}; });  // goes on
   cut_motion(s.scene, s.settings.clock, {8});
   const auto x = [&](int node, double frame) { return s.scene.world(node, frame / 24).translation.x; };
@@ -80,7 +87,8 @@ TEST(Cuts, CubicKeysAreCutLikeLinearOnes) {
   for (int f = 0; f <= 24; ++f) {
     times.push_back(f / 24.0);
     const Vec3d slope{f == 7 || f == 8 ? 500.0 : 2.4, 0, 0}, even{2.4, 0, 0};  // per second
-    values.insert(values.end(), {f == 8 ? slope : even, Vec3d{f < 8 ? 0.1 * f : 50 + 0.1 * f, 0, 10}, f == 7 ? slope : even});
+    values.insert(values.end(),
+                  {f == 8 ? slope : even, Vec3d{f < 8 ? 0.1 * f : 50 + 0.1 * f, 0, 10}, f == 7 ? slope : even});
   }
   t.translation = {times, values, Interpolation::kCubic};
   s.scene.nodes[1].local = t;

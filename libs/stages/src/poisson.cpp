@@ -399,8 +399,10 @@ double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double sca
           bp[k] = f.data(RowSet::kPrimal, y, c), bx[k] = f.data(RowSet::kDx, y, c), by[k] = f.data(RowSet::kDy, y, c);
         }
         for_each_residual(RowSet::kPrimal, t, y, 0, w, [=](int c, int i) { return mid[c][i] - bp[c][i]; });
-        for_each_residual(RowSet::kDx, t, y, 0, w - 1, [=](int c, int i) { return (mid[c][i + 1] - mid[c][i]) - bx[c][i]; });
-        if (y + 1 < h) for_each_residual(RowSet::kDy, t, y, 0, w, [=](int c, int i) { return (down[c][i] - mid[c][i]) - by[c][i]; });
+        for_each_residual(RowSet::kDx, t, y, 0, w - 1,
+                          [=](int c, int i) { return (mid[c][i + 1] - mid[c][i]) - bx[c][i]; });
+        if (y + 1 < h)
+          for_each_residual(RowSet::kDy, t, y, 0, w, [=](int c, int i) { return (down[c][i] - mid[c][i]) - by[c][i]; });
         const MotionRuns* next = motion_from(t);
         if (!next) continue;
         for (const MotionRun& r : next->from_row(y)) {
@@ -414,12 +416,15 @@ double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double sca
             bt[k] = f.data(RowSet::kDt, y, c) + r.x;
             bxt[k] = f.data(RowSet::kDxDt, y, c) + r.x, byt[k] = f.data(RowSet::kDyDt, y, c) + r.x;
           }
-          for_each_residual(RowSet::kDt, t, y, r.x, r.length, [=](int c, int i) { return (q[c][i] - p[c][i]) - bt[c][i]; });
-          for_each_residual(RowSet::kDxDt, t, y, r.x, r.mixed_x,
-              [=](int c, int i) { return ((q[c][i + 1] - p[c][i + 1]) - (q[c][i] - p[c][i])) - bxt[c][i]; });
+          for_each_residual(RowSet::kDt, t, y, r.x, r.length,
+                            [=](int c, int i) { return (q[c][i] - p[c][i]) - bt[c][i]; });
+          for_each_residual(RowSet::kDxDt, t, y, r.x, r.mixed_x, [=](int c, int i) {
+            return ((q[c][i + 1] - p[c][i + 1]) - (q[c][i] - p[c][i])) - bxt[c][i];
+          });
           if (!r.mixed_y) continue;
-          for_each_residual(RowSet::kDyDt, t, y, r.x, r.length,
-              [=](int c, int i) { return ((q_below[c][i] - p_below[c][i]) - (q[c][i] - p[c][i])) - byt[c][i]; });
+          for_each_residual(RowSet::kDyDt, t, y, r.x, r.length, [=](int c, int i) {
+            return ((q_below[c][i] - p_below[c][i]) - (q[c][i] - p[c][i])) - byt[c][i];
+          });
         }
       }
     }

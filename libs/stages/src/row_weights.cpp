@@ -50,7 +50,8 @@ double median(std::vector<float> values) {
 constexpr double kLeastPrecision = 0.04;
 
 /// Precisions of variances: 1 at the reference, and where nothing is known.
-void store_weights(PoissonFrame& frame, RowSet set, const std::vector<float>& variance, double reference, PoissonNorm norm) {
+void store_weights(PoissonFrame& frame, RowSet set, const std::vector<float>& variance, double reference,
+                   PoissonNorm norm) {
   const int w = frame.width();
   std::vector<float> row(std::size_t(w), 1.0f);
   for (int y = 0; y < frame.height(); ++y) {

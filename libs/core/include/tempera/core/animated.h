@@ -71,8 +71,8 @@ class Animated {
 
   /// Value at time `t` (seconds), clamped to the first and last key.
   T at(double t) const { return at(t, t); }
-  /// The same as if the piece between jumps that holds the time `piece` went on for ever: how a value moves up to a jump
-  /// or from it on, whatever comes beyond.
+  /// The same as if the piece between jumps that holds the time `piece` went on for ever: how a value moves up to a
+  /// jump or from it on, whatever comes beyond.
   T at(double t, double piece) const {
     if (times_.size() <= 1) return values_.empty() ? T{} : value(0);
     if (interpolation_ == Interpolation::kStep) return value(last_key(piece));

@@ -227,8 +227,8 @@ constexpr Affine3<T> inverse(const Affine3<T>& a) {
   r.translation = -r.vector(a.translation);
   return r;
 }
-/// The cofactor matrix of a map times a vector: the direction of a transformed surface's normal, right for any scale and
-/// for singular maps, too; it points to the other side under mirroring.
+/// The cofactor matrix of a map times a vector: the direction of a transformed surface's normal, right for any scale
+/// and for singular maps, too; it points to the other side under mirroring.
 template <class T>
 constexpr Vec3<T> cofactor_vector(const Affine3<T>& m, const Vec3<T>& n) {
   return cross(m.y, m.z) * n.x + cross(m.z, m.x) * n.y + cross(m.x, m.y) * n.z;

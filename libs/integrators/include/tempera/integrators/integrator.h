@@ -85,7 +85,8 @@ struct FrameContext {
   const RenderSettings& settings;
   int frame = 0;
   FramePlan* plan = nullptr;  ///< what the integrator's `prepare` returned; a tile changes nothing of another's there
-  bool only_for_next_frame = false;      ///< only what the next frame needs (Integrator::layers_for_next_frame) is wanted of this one
+  bool only_for_next_frame =
+      false;  ///< only what the next frame needs (Integrator::layers_for_next_frame) is wanted of this one
   /// For each piece of the exposure what its rays and lights are; none if there is but one piece.
   std::span<const FrameContext> pieces{};
 
@@ -150,8 +151,8 @@ class Integrator {
   /// Layers of the frame before that `prepare` needs as they were rendered.
   virtual std::vector<std::string> layers_for_next_frame() const { return {}; }
   /// Called before the tiles of a frame. `before`: the preceding frame, if frames_before() asks for it; its rays serve
-  /// the middle of its exposure only. `rendered`: the layers of that frame that layers_for_next_frame() names; null if it names none,
-  /// or if context.only_for_next_frame. Threads: called from one, may use parallel_for.
+  /// the middle of its exposure only. `rendered`: the layers of that frame that layers_for_next_frame() names; null if
+  /// it names none, or if context.only_for_next_frame. Threads: called from one, may use parallel_for.
   virtual std::unique_ptr<FramePlan> prepare(const FrameContext& /*context*/, const FrameContext* /*before*/,
                                              const Frame* /*rendered*/) const {
     return nullptr;

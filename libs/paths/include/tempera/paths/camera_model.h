@@ -22,9 +22,9 @@ class CameraModel {
  public:
   /// `span`: times that will be asked for; within it the pose is resampled on the grid of `motion_step` seconds, as
   /// matter is: translation and scale linear, rotation slerp, picture size and lens linear between the knots; where
-  /// the camera jumps, nothing lies between. `scene` is only read here. Errors: Error{kBadInput} for a transform that is singular or not finite; Error{kOutOfRange} for
-  /// a field of view, lens or clipping distance outside its range, or a span of more than a million knots; both name
-  /// the camera.
+  /// the camera jumps, nothing lies between. `scene` is only read here. Errors: Error{kBadInput} for a transform that
+  /// is singular or not finite; Error{kOutOfRange} for a field of view, lens or clipping distance outside its range, or
+  /// a span of more than a million knots; both name the camera.
   CameraModel(const Scene& scene, int camera, int width, int height, TimeSpan span, double motion_step);
 
   /// Ray through film position `pixel` (pixels, (0,0) top left corner) and lens point u in [0,1)^2 at time t.

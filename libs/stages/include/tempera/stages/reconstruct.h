@@ -75,10 +75,10 @@ struct ReconstructReport {
 };
 
 /// Writes the frames of `input` to `output` (see frame_path; a name without a place for the number for one frame):
-/// `color` is the solution, with the input's alpha; other layers are copied if they survive_reconstruction. With rare light apart: `color` has no
-/// negative values; `color.common` and `color.rare` are its two parts, the second one before it was smoothed; the
-/// metadata tempera/rare_light and tempera/held_back are the shares of the report, frame by frame.
-/// Result:  a function of the input files and parameters: the same bits for any number of threads, any choice of
+/// `color` is the solution, with the input's alpha; other layers are copied if they survive_reconstruction. With rare
+/// light apart: `color` has no negative values; `color.common` and `color.rare` are its two parts, the second one
+/// before it was smoothed; the metadata tempera/rare_light and tempera/held_back are the shares of the report, frame by
+/// frame. Result:  a function of the input files and parameters: the same bits for any number of threads, any choice of
 ///          frames, and after any interruption, as long as all frames of the windows are there.
 /// Memory:  the frames of one window, whatever the length of the sequence.
 /// Errors:  Error{kBadInput} for a missing layer, frames of different sizes, values that are not finite, sources that
