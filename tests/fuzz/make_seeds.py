@@ -221,6 +221,98 @@ def draco_gltf():
     return g
 
 
+def jumping_gltf():
+    """Steps of everything that can step, two keys at one time, disorder, scales of 0 still and moving, camera cuts."""
+    g = Gltf()
+    j = g.json
+    positions = g.accessor(POSITIONS, "VEC3")
+    indices = g.accessor(flat(TRIANGLES), "SCALAR", 5123)
+    target = {"POSITION": g.accessor([(0, 0, 1)] * 4, "VEC3")}
+    skinned = {"POSITION": positions, "JOINTS_0": g.accessor([(0, 1, 0, 0)] * 4, "VEC4", 5121),
+               "WEIGHTS_0": g.accessor([(0.75, 0.25, 0, 0)] * 4, "VEC4")}
+    j["materials"] = [{"emissiveFactor": [1, 1, 1],
+                       "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 2}}}]
+    j["meshes"] = [{"primitives": [{"attributes": {"POSITION": positions}, "indices": indices, "targets": [target] * 2,
+                                    "material": 0}]},
+                   {"primitives": [{"attributes": skinned, "indices": indices}]},
+                   {"primitives": [{"attributes": {"POSITION": positions}, "indices": indices}]}]
+    unit = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+    j["skins"] = [{"joints": [2, 3], "inverseBindMatrices": g.accessor(unit * 2, "MAT4")}]
+    j["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]
+    j["extensions"] = {"KHR_lights_punctual": {"lights": [{"type": "spot", "spot": {}}, {"type": "point"}]}}
+    light = {"extensions": {"KHR_lights_punctual": {"light": 0}}, "translation": [0, 0, 3]}
+    instancing = {"TRANSLATION": g.accessor([(0, 0, 0), (2, 0, 0)], "VEC3"), "SCALE": g.accessor([(0, 0, 0), (1, 0, 1)], "VEC3")}
+    squashed = [1, 0, 0, 0, 0.5, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1]
+    j["nodes"] = [{"mesh": 0, "weights": [0, 0]}, {"mesh": 1, "skin": 0}, {"children": [3]}, {"translation": [0, 1, 0]},
+                  {"mesh": 2, "rotation": [0, 0, 0.6, 0.8], "scale": [1, 1, 0]}, {"mesh": 2, "matrix": squashed},
+                  {"scale": [1, 0.25, 1], "children": [7]}, {"mesh": 2}, {"camera": 0, "translation": [0, 0, 5]},
+                  light, {"scale": [0, 0, 0], "children": [11, 12]}, {"camera": 0}, {"mesh": 2},
+                  {"mesh": 2, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": instancing}}}]
+    j["scenes"] = [{"nodes": [0, 1, 2, 4, 5, 6, 8, 9, 10, 13]}]
+    frames = g.accessor([f / 24 for f in (0, 1, 2)], "SCALAR", min=[0], max=[2 / 24])
+    twice = g.accessor([0, 1 / 24, 1 / 24, 2 / 24], "SCALAR", min=[0], max=[2 / 24])
+    disorder = g.accessor([-0.5, 2 / 24, 1 / 24, 1 / 24, 1 / 24], "SCALAR", min=[-0.5], max=[2 / 24])
+    quat = [(0, 0, 0, 1), (0, 0, 0.6, 0.8), (0, 0, 1, 0), (0, 0, 0, 1)]
+    samplers, channels = [], []
+
+    def drive(times, values, kind, target, interpolation="STEP"):
+        samplers.append({"input": times, "output": g.accessor(values, kind), "interpolation": interpolation})
+        if isinstance(target, str):
+            target = {"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": target}}}
+        channels.append({"sampler": len(samplers) - 1, "target": target})
+
+    drive(frames, [(0, 0, 0), (3, 0, 0), (0, 2, 0)], "VEC3", {"node": 0, "path": "translation"})
+    drive(frames, [(1, 1, 1), (0, 0, 0), (1, 1, -1)], "VEC3", {"node": 0, "path": "scale"}, "LINEAR")
+    drive(frames, [0, 1, 1, 0, 0.5, 0.5], "SCALAR", {"node": 0, "path": "weights"})
+    drive(twice, quat, "VEC4", {"node": 3, "path": "rotation"}, "LINEAR")
+    drive(disorder, [(x, 0, 0) for x in range(5)], "VEC3", {"node": 2, "path": "translation"}, "LINEAR")
+    drive(frames, quat[:3], "VEC4", {"node": 7, "path": "rotation"}, "LINEAR")
+    drive(frames, [(0, 0, 0)] * 3 + [(0, 1, 0)] * 3 + [(0, 0, 0)] * 3, "VEC3", {"node": 7, "path": "scale"}, "CUBICSPLINE")
+    drive(frames, [(0, 0, 5), (4, 0, 5), (0, 0, 5)], "VEC3", {"node": 8, "path": "translation"})
+    drive(twice, [(1, 1, 1), (0, 0, 0), (1, 0, 1), (1, 1, 1)], "VEC3", {"node": 8, "path": "scale"}, "LINEAR")
+    drive(frames, [(0, 0, 0), (1, 1, 1), (0, 0, 0)], "VEC3", {"node": 9, "path": "scale"})
+    drive(frames, [(0, 0, 0), (1, 1, 1), (0, 0, 0)], "VEC3", {"node": 10, "path": "scale"}, "LINEAR")
+    drive(frames, [1, 0, 1], "SCALAR", "/nodes/4/extensions/KHR_node_visibility/visible")
+    drive(twice, [0.5, 0.5, 1, 1], "SCALAR", "/cameras/0/perspective/yfov", "LINEAR")
+    drive(twice, [0, 0, 9, 9], "SCALAR", "/extensions/KHR_lights_punctual/lights/0/intensity", "LINEAR")
+    drive(frames, [(1, 1, 1), (0, 0, 0), (1, 0, 0)], "VEC3", "/materials/0/emissiveFactor")
+    drive(twice, [1, 2, 0, 1], "SCALAR", "/materials/0/extensions/KHR_materials_emissive_strength/emissiveStrength", "LINEAR")
+    j["animations"] = [{"name": "jumps", "samplers": samplers, "channels": channels}]
+    j["extensionsUsed"] = ["KHR_lights_punctual", "EXT_mesh_gpu_instancing", "KHR_animation_pointer", "KHR_node_visibility",
+                           "KHR_materials_emissive_strength"]
+    return g
+
+
+def singular_mitsuba():
+    """Shapes of every kind that are flat, a line or a point, still, moving and as instances; keys in disorder."""
+    shapes = []
+    for number, kind in enumerate(("sphere", "disk", "cylinder", "rectangle", "cube", "obj")):
+        inside = '<string name="filename" value="mesh.obj"/>' if kind == "obj" else ""
+        flat_map = '<transform name="to_world"><scale z="0"/><rotate x="1" y="1" angle="33"/></transform>'
+        keys = "".join(f'<transform time="{t}">{m}</transform>' for t, m in [
+            (0, '<rotate z="1" angle="40"/>'), (0.04, '<scale value="0"/><translate x="3"/>'), (0.04, '<scale z="0"/>'),
+            (0.08, '<scale x="0" y="0"/>'), (0.02, "")])
+        shapes += [f'<shape type="{kind}">{inside}{flat_map}<emitter type="area"/></shape>',
+                   f'<shape type="{kind}">{inside}<animation name="to_world">{keys}</animation></shape>',
+                   f'<shape type="shapegroup" id="g{number}"><shape type="{kind}">{inside}</shape></shape>',
+                   f'<shape type="instance"><ref id="g{number}"/>{flat_map}</shape>']
+    sensor = ('<sensor type="perspective"><animation name="to_world"><transform time="0"><translate z="-5"/></transform>'
+              '<transform time="0.04"><scale z="0"/><translate z="-4"/></transform></animation></sensor>')
+    return "\n".join(['<scene version="3.0.0">', sensor, *shapes, "</scene>", ""])
+
+
+def polygon_obj():
+    """Concave, crossed and spiked polygons, continuation lines."""
+    outlines = [[(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)], [(-1, -1), (1, -1), (-1, 1), (1, 1)],
+                [(0, 0), (2, 0), (2, 2), (1, 2), (1, 3), (1, 2), (0, 2)],
+                [(0, 0), (4, 0), (4, 4), (0, 4), (0, 0), (1, 1), (1, 3), (3, 3), (3, 1), (1, 1)]]
+    lines = []
+    for outline in outlines:
+        lines += ["v %g %g \\\n%g" % (*p, 0.1 * p[0]) for p in outline]
+        lines.append("f " + " \\\n".join(str(i - len(outline)) for i in range(len(outline))))
+    return "\ufeff" + "\n".join(lines) + "\n"
+
+
 def main():
     write("files/texture.png", png())
     write("files/mesh.obj", obj())
@@ -228,12 +320,15 @@ def main():
     write("files/mesh.serialized", serialized(4, False))
     write("files/scene.gltf", animated_gltf().text())
     write("seeds/obj/quad.obj", obj())
+    write("seeds/obj/polygons.obj", polygon_obj())
+    write("seeds/mitsuba/singular.xml", singular_mitsuba())
     for kind in ("ascii", "binary_little_endian", "binary_big_endian"):
         write(f"seeds/ply/{kind}.ply", ply(kind))
     for version in (3, 4):
         for double in (False, True):
             write(f"seeds/serialized/v{version}_{'double' if double else 'single'}.serialized", serialized(version, double))
-    for name, document in [("animated", animated_gltf()), ("material", material_gltf()), ("draco", draco_gltf())]:
+    for name, document in [("animated", animated_gltf()), ("material", material_gltf()), ("draco", draco_gltf()),
+                           ("jumps", jumping_gltf())]:
         write(f"seeds/gltf/{name}.gltf", document.text())
         write(f"seeds/glb/{name}.glb", document.glb())
 

@@ -198,6 +198,8 @@ AnimatedTransform GltfImporter::node_transform(const Json& json, int node) {
       matrix.fail("the last row of a node's matrix is 0 0 0 1");
     return affine(m);
   }
+  for (double& x : s)
+    if (std::abs(x) < 1e-30) x = 0;  // float32, which shapes are held in, has no inverse of it
   const double norm = std::sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2] + r[3] * r[3]);
   if (std::abs(norm - 1) > 0.02)
     document_.warn("rotations that are not unit quaternions are normalized", json["rotation"]);

@@ -75,10 +75,12 @@ bool can_be_positive(const Animated<Rgb>& factor) {
 
 bool is_constant(const Slot& slot, const Rgb& value) { return slot.is_constant() && slot.factor.values()[0] == value; }
 
-/// Whether a value can change at once at time t.
+/// Whether a value changes at once at time t.
 bool jumps_at(const Animated<Rgb>& a, double t) {
-  const auto [first, last] = std::equal_range(a.times().begin(), a.times().end(), t);
-  return last - first > (a.interpolation() == Interpolation::kStep ? 0 : 1);
+  std::vector<double> jumps;
+  const double near = 2 * key_tolerance(t);
+  a.jumps({t - near, t + near}, jumps);
+  return !jumps.empty();
 }
 
 /// a * b over time. Where both move, the keys of both, and two where one of them jumps.
@@ -88,7 +90,8 @@ Animated<Rgb> product(const Animated<Rgb>& a, const Animated<Rgb>& b) {
     std::vector<double> all = a.times(), times;
     all.insert(all.end(), b.times().begin(), b.times().end());
     std::sort(all.begin(), all.end());
-    all.erase(std::unique(all.begin(), all.end()), all.end());
+    const auto same = [](double s, double t) { return t - s <= key_tolerance(t); };
+    all.erase(std::unique(all.begin(), all.end(), same), all.end());
     const bool steps = a.interpolation() == Interpolation::kStep && b.interpolation() == Interpolation::kStep;
     std::vector<Rgb> values;
     const auto add = [&](double t, double piece) {

@@ -9,6 +9,7 @@ namespace {
 
 constexpr double kTiny = 1e-12;  // of the size of what is compared with it
 constexpr double kThickness = 1e-4;
+constexpr double kLeast = 1e-30;  // a length; float32, which shapes are held in, loses shorter axes or their inverse
 
 /// The longest cross product of two of three vectors.
 Vec3d longest_cross(const Vec3d& a, const Vec3d& b, const Vec3d& c) {
@@ -36,10 +37,10 @@ bool is_singular(const Affine3d& map) {
 }
 
 std::optional<Affine3d> with_thickness(const Affine3d& map) {
-  constexpr double kLeast = 1e-30;  // meters: single precision, in which shapes are placed, has nothing below
-  if (!(std::max({length(map.x), length(map.y), length(map.z)}) > kLeast)) return std::nullopt;
-  if (!is_singular(map)) return map;
   Affine3d m = map;
+  for (Vec3d* axis : {&m.x, &m.y, &m.z})
+    if (length(*axis) < kLeast) *axis = {};
+  if (!is_singular(m)) return map;
   const double size = rescale(m);
   const Vec3d across = longest_cross(m.x, m.y, m.z);
   if (!(length(across) > kTiny)) return std::nullopt;

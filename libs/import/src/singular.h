@@ -13,7 +13,7 @@ bool is_singular(const Affine3d& m);
 
 /// `m` if it is regular. A map onto a plane gets a thickness of 1e-4 of its size across it, so that the two sides of a
 /// closed surface stay apart and inverses exist; where the plane is, and what lies in it, does not change. Nothing for
-/// a map onto a line or a point.
+/// a map onto a line or a point. Axes shorter than 1e-30 count as 0.
 std::optional<Affine3d> with_thickness(const Affine3d& m);
 
 /// `m` with one axis of length 0 put across the other two, right-handed, for frames that are to be made rigid. Nothing

@@ -197,5 +197,27 @@ TEST_F(Gltf, PropertiesThatJumpKeepBothValues) {
   EXPECT_NEAR(factor.at(2).r, 1, 1e-5);
 }
 
+TEST_F(Gltf, ProductsJumpWhereKeysAreRounded) {
+  // The step stands a little after a key of the ramp, as float32 has it.
+  Buffer buffer;
+  const int steps = buffer.floats({0, 1.0000002f}, "SCALAR"), colors = buffer.floats({1, 1, 1, 0, 0, 0}, "VEC3");
+  const int ramp_times = buffer.floats({0, 1, 2}, "SCALAR"), ramp = buffer.floats({2, 3, 4}, "SCALAR");
+  const Scene scene = load(triangle(
+      buffer, "",
+      fmt::format(
+          R"("materials":[{{"emissiveFactor":[1,1,1],"extensions":{{"KHR_materials_emissive_strength":{{"emissiveStrength":2}}}}}}],
+"extensionsUsed":["KHR_animation_pointer","KHR_materials_emissive_strength"],"animations":[{{"channels":[
+{{"sampler":0,"target":{{"path":"pointer","extensions":{{"KHR_animation_pointer":{{"pointer":"/materials/0/emissiveFactor"}}}}}}}},
+{{"sampler":1,"target":{{"path":"pointer","extensions":{{"KHR_animation_pointer":{{"pointer":"/materials/0/extensions/KHR_materials_emissive_strength/emissiveStrength"}}}}}}}}],
+"samplers":[{{"input":{},"output":{},"interpolation":"STEP"}},{{"input":{},"output":{}}}]}}])",
+          steps, colors, ramp_times, ramp),
+      R"(,"material":0)"));
+  const auto& factor = scene.shapes.at(0).emission.value().radiance.factor;
+  EXPECT_NEAR(factor.at(0.5).r, 2.5, 1e-5);
+  EXPECT_NEAR(factor.at(0.9999).r, 2.9999, 1e-4);
+  EXPECT_EQ(factor.at(1).r, 0);
+  EXPECT_EQ(factor.at(1.5).r, 0);
+}
+
 }  // namespace
 }  // namespace tempera

@@ -71,7 +71,7 @@ TEST_F(Singular, CamerasAndLightsIgnoreTheScaleOfTheirNode) {
     expect_near(l.y, light.y, 1e-6), expect_near(l.z, light.z, 1e-6),
         expect_near(l.translation, light.translation, 1e-6);
   };
-  for (const char* s : {"0,0,0", "0,1,1", "1,0,1", "1,1,0", "2,3,0.5"})
+  for (const char* s : {"0,0,0", "0,1,1", "1,0,1", "1,1,0", "1e-300,1,1", "1e-300,1e-300,1e-300", "2,3,0.5"})
     check(load(asset(fmt::format("\"nodes\":[{}],{}", node(fmt::format(",\"scale\":[{}]", s)), rest))), 0);
   // A scale that moves, through 0.
   Buffer buffer;
@@ -112,8 +112,8 @@ TEST_F(Singular, MitsubaShapesOfEveryKind) {
   write("quad.obj", "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvn 0 0 1\nf 1//1 2//1 3//1 4//1\n");
   const std::string obj = "<string name=\"filename\" value=\"quad.obj\"/>";
   for (const std::string kind : {"sphere", "disk", "cylinder", "rectangle", "cube", "obj"}) {
-    for (const char* s :
-         {"x=\"0\"", "y=\"0\"", "z=\"0\"", "x=\"0\" y=\"0\"", "value=\"0\"", "z=\"-0.0\"", "value=\"1e-300\""}) {
+    for (const char* s : {"x=\"0\"", "y=\"0\"", "z=\"0\"", "x=\"0\" y=\"0\"", "value=\"0\"", "z=\"-0.0\"",
+                          "value=\"1e-300\"", "x=\"1e-300\""}) {
       for (const char* emitter : {"", "<emitter type=\"area\"/>"}) {
         const std::string where = fmt::format(
             "<transform name=\"to_world\"><scale {}/><rotate x=\"1\" y=\"1\" angle=\"33\"/></transform>", s);
