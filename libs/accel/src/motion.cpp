@@ -43,13 +43,7 @@ MotionPieces::MotionPieces(MotionGrid grid, TimeSpan span, std::vector<double> j
 std::vector<double> exposure_jumps(const Scene& scene, TimeSpan exposure) {
   constexpr std::size_t kMostJumps = 64;
   std::vector<double> all;
-  for (const Instance& instance : scene.instances) {
-    scene.jumps(instance.node, exposure, all);
-    for (const int shape : scene.groups[std::size_t(instance.group)]) {
-      const auto* mesh = std::get_if<Mesh>(&scene.shapes[std::size_t(shape)].geometry);
-      if (mesh && mesh->deforms()) mesh_jumps(scene, *mesh, instance.node, exposure, all);
-    }
-  }
+  instance_jumps(scene, exposure, all);
   for (const PunctualLight& light : scene.lights) scene.jumps(light.node, exposure, all);
   std::sort(all.begin(), all.end());
   std::vector<double> jumps;

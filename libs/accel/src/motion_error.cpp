@@ -25,12 +25,7 @@ std::vector<Vec3f> some_points(const Scene& scene, const std::vector<int>& group
       const std::size_t stride = std::max<std::size_t>(1, mesh->positions.size() / kVerticesPerMesh);
       for (std::size_t v = 0; v < mesh->positions.size(); v += stride) points.push_back(mesh->positions[v]);
     } else {
-      const Affine3f m = std::visit(
-          [](const auto& g) -> Affine3f {
-            if constexpr (requires { g.object_from_unit; }) return g.object_from_unit;
-            return {};
-          },
-          geometry);
+      const Affine3f m = object_from_unit(geometry);
       for (int i = 0; i < 8; ++i)
         points.push_back(m.point({i & 1 ? 1.0f : -1.0f, i & 2 ? 1.0f : -1.0f, i & 4 ? 1.0f : -1.0f}));
     }

@@ -339,13 +339,7 @@ RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const
                     last - first, rays.begin, rays.end, kMaxSegments));
   }
   std::vector<double> jumps;
-  for (const Instance& instance : scene.instances) {
-    scene.jumps(instance.node, evaluation, jumps);
-    for (const int shape : scene.groups[std::size_t(instance.group)]) {
-      const auto* mesh = std::get_if<Mesh>(&scene.shapes[std::size_t(shape)].geometry);
-      if (mesh && mesh->deforms()) mesh_jumps(scene, *mesh, instance.node, evaluation, jumps);
-    }
-  }
+  instance_jumps(scene, evaluation, jumps);
   s.pieces = MotionPieces(grid, evaluation, std::move(jumps), rays);
   s.first_knot = s.pieces.index(first);
   s.last_knot = s.pieces.index(last);

@@ -322,7 +322,9 @@ TEST(LightSizes, ASunHasTheIrradianceOfItsDirection) {
         const Vec3f d = b.to_world(Vec3f(Vec3d{r * std::cos(phi), r * std::sin(phi), z}));
         const double pdf = l.sampler->environment_pdf(d, 0.5, {});
         integral += double(l.sampler->environment(d, 0.5).r) * z * 2 * kPiD * cap / (n * 50.0);
-        if (pdf > 0) EXPECT_NEAR(pdf, 1 / (2 * kPiD * (1 - std::cos(degrees * kPiD / 360))), 1e-3 * pdf);
+        if (pdf > 0) {
+          EXPECT_NEAR(pdf, 1 / (2 * kPiD * (1 - std::cos(degrees * kPiD / 360))), 1e-3 * pdf);
+        }
       }
     }
     EXPECT_NEAR(integral, 5, 0.01) << degrees;

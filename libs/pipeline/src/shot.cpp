@@ -11,6 +11,7 @@
 #include "hash.h"
 #include "shot_motion.h"
 #include "tempera/frames/files.h"
+#include "tempera/import/paths.h"
 #include "tempera/pipeline/materials.h"
 #include "tempera/pipeline/scene_edits.h"
 #include "tempera/scene/default_view.h"
@@ -469,7 +470,7 @@ Scene import_shot_scene(const ShotConfig& config, const ImportOptions& options, 
   if (std::error_code ignored; !std::filesystem::exists(file, ignored)) {
     // At the key that names it, if a file did.
     const SourceLoc loc = config.loc("scene").line > 0 ? config.loc("scene") : SourceLoc{file.string()};
-    throw Error(ErrorCode::kMissingFile, loc, fmt::format("the scene file {} does not exist", file.string()));
+    throw Error(ErrorCode::kMissingFile, loc, cannot_find(file));
   }
   return import_scene(file, import, warnings);
 }

@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "tempera/frames/files.h"
+#include "tempera/import/paths.h"
 
 namespace tempera {
 
@@ -321,19 +322,20 @@ SourceLoc ShotConfig::loc(const std::string& key) const {
 }
 
 std::filesystem::path ShotConfig::input_path(const ShotValue& value) const {
-  const std::filesystem::path path = std::get<std::string>(value.value);
-  if (value.loc.line == 0) return path;  // only files have lines
+  const std::string& name = std::get<std::string>(value.value);
+  if (value.loc.line == 0) return name;  // only files have lines
+  const std::filesystem::path path = named_file(folder_, name);
   if (sandbox_) {
     std::error_code failed;
     const auto inside = std::filesystem::weakly_canonical(folder_.empty() ? "." : folder_, failed);
-    const auto target = std::filesystem::weakly_canonical(folder_ / path, failed);
+    const auto target = std::filesystem::weakly_canonical(path, failed);
     const auto [end, rest] = std::mismatch(inside.begin(), inside.end(), target.begin(), target.end());
     if (failed || end != inside.end()) {
       throw Error(ErrorCode::kBadInput, value.loc,
-                  fmt::format("\"{}\" lies outside of the folder of the shot, which --sandbox forbids", path.string()));
+                  fmt::format("\"{}\" lies outside of the folder of the shot, which --sandbox forbids", name));
     }
   }
-  return folder_ / path;
+  return path;
 }
 
 std::filesystem::path ShotConfig::input_path(const std::string& key) const {

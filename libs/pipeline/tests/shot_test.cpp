@@ -4,6 +4,9 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
+#include <fstream>
+
 #include "tempera/pipeline/materials.h"
 
 namespace tempera {
@@ -380,6 +383,28 @@ TEST(Materials, ReadsColors) {
   EXPECT_NEAR(parse_color("#808080")->g, 0.2158605f, 1e-6f) << "sRGB";
   for (const char* bad : {"", "a", "1,2", "1,2,3,4", "#fff", "#12345g", "1,,2", "nan", "1;2;3"})
     EXPECT_FALSE(parse_color(bad)) << bad;
+}
+
+TEST(Shot, NamesOfFilesMayComeFromOtherSystems) {
+  const auto folder = std::filesystem::path(testing::TempDir()) / "tempera_shot_names";
+  std::filesystem::create_directories(folder / "models");
+  std::ofstream(folder / "models" / "a.xml") << "<scene version=\"3.0.0\"/>";
+  Warnings warnings;
+  ShotConfig windows;
+  windows.read_text("scene = 'models\\a.xml'\n", "shot.toml", folder);
+  EXPECT_EQ(windows.input_path("scene"), folder / "models" / "a.xml");
+  EXPECT_NO_THROW(import_shot_scene(windows, {}, warnings));
+  ShotConfig other_case;
+  other_case.read_text("scene = 'models/A.xml'\n", "shot.toml", folder);
+  try {
+    import_shot_scene(other_case, {}, warnings);
+    FAIL() << "found a file of another name";
+  } catch (const Error& e) {
+    EXPECT_EQ(e.code(), ErrorCode::kMissingFile);
+    EXPECT_NE(std::string(e.what()).find("did you mean"), std::string::npos) << e.what();
+    EXPECT_EQ(e.loc().line, 1);
+  }
+  std::filesystem::remove_all(folder);
 }
 
 }  // namespace

@@ -22,12 +22,7 @@ Bounds3f world_bounds(const Scene& scene, double t) {
           bounds.extend(posed_position(*mesh, pose, std::uint32_t(v)));
         }
       } else {
-        const Affine3f m = std::visit(
-            [](const auto& g) -> Affine3f {
-              if constexpr (requires { g.object_from_unit; }) return g.object_from_unit;
-              return {};
-            },
-            geometry);
+        const Affine3f m = object_from_unit(geometry);
         for (int i = 0; i < 8; ++i) {
           bounds.extend(world.point(m.point({i & 1 ? 1.0f : -1.0f, i & 2 ? 1.0f : -1.0f, i & 4 ? 1.0f : -1.0f})));
         }

@@ -9,6 +9,15 @@
 
 namespace tempera {
 
+Affine3f object_from_unit(const Geometry& geometry) {
+  return std::visit(
+      [](const auto& g) -> Affine3f {
+        if constexpr (requires { g.object_from_unit; }) return g.object_from_unit;
+        return {};
+      },
+      geometry);
+}
+
 Mesh make_rectangle() {
   Mesh m;
   m.positions = {{-1, -1, 0}, {1, -1, 0}, {1, 1, 0}, {-1, 1, 0}};

@@ -29,5 +29,7 @@ Vec3f posed_position(const Mesh& mesh, const MeshPose& pose, std::uint32_t verte
 Vec3f posed_normal(const Mesh& mesh, const MeshPose& pose, std::uint32_t vertex);
 /// Appends the times within the open `span` at which the mesh, instanced at `node`, jumps from one pose to another.
 void mesh_jumps(const Scene& scene, const Mesh& mesh, int node, TimeSpan span, std::vector<double>& out);
+/// Appends the times within the open `span` at which any instance jumps, in place or in pose, appears or disappears.
+void instance_jumps(const Scene& scene, TimeSpan span, std::vector<double>& out);
 
 }  // namespace tempera

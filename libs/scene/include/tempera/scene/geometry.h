@@ -84,6 +84,9 @@ struct Cylinder {
 
 using Geometry = std::variant<Mesh, Sphere, Disk, Cylinder>;
 
+/// The map of an analytic shape from its unit space; the identity for a mesh.
+Affine3f object_from_unit(const Geometry& geometry);
+
 /// Two triangles over [-1,1]^2 in z = 0 facing +z, uv over [0,1]^2 (Mitsuba's rectangle).
 Mesh make_rectangle();
 /// Twelve triangles over [-1,1]^3, flat normals, uv over [0,1]^2 on each face.
