@@ -79,6 +79,7 @@ std::vector<double> motion_errors(const Scene& scene, std::span<const TimeSpan> 
       const TimeSpan span{knots.front().time, knots.back().time};
       if (scene.moves(instance.node, span) && !points[std::size_t(instance.group)].empty()) {
         std::vector<Affine3d> worlds;
+        worlds.reserve(knots.size());
         for (const auto& k : knots) worlds.push_back(scene.world(instance.node, k.time, k.piece));
         const std::vector<AffineKnot> motion = decompose(worlds);
         const bool rigid = is_invertible(motion);

@@ -284,7 +284,7 @@ void RayScene::Impl::attach(std::uint32_t i) {
 }
 
 void RayScene::Impl::attach_instance(std::uint32_t i) {
-  const RTCScene group = cache->group_scenes.at(scene->instances[i].group).scene;
+  RTCScene group = cache->group_scenes.at(scene->instances[i].group).scene;
   const Bounds3f box = bounds_of(group);
   if (box.empty()) return;
   RTCGeometry g = rtcNewGeometry(cache->device, RTC_GEOMETRY_TYPE_INSTANCE);

@@ -134,9 +134,10 @@ GltfAnimations::Clip GltfAnimations::read_clip(const Json& json) const {
 void GltfAnimations::play(const Clip& clip) {
   const auto complain = [&](const std::string& what, const SourceLoc& where) { document_.warn(what, where); };
   for (const auto& [what, where] : clip.complaints) complain(what, where);
-  for (const auto& [pointer, channel] : clip.channels) {
+  for (const auto& entry : clip.channels) {
     forgive(
         [&] {
+          const auto& [pointer, channel] = entry;
           std::optional<Track> track = read_track(channel, clip.json["samplers"].required().array());
           if (track) tracks_.emplace(pointer, std::move(*track));
         },

@@ -520,7 +520,8 @@ std::filesystem::path GltfDocument::resolve(const Json& uri) const {
   if (std::any_of(decoded.begin(), decoded.end(), [](unsigned char c) { return c < 32; }))
     uri.fail("a URI with control characters");
   // Some writers do not encode their names, so that a percent sign may be one.
-  const std::filesystem::path folder = file_.parent_path(), named = named_file(folder, decoded);
+  const std::filesystem::path folder = file_.parent_path();
+  std::filesystem::path named = named_file(folder, decoded);
   std::error_code failed;
   if (decoded == text || std::filesystem::exists(named, failed)) return named;
   const std::filesystem::path as_written = named_file(folder, std::string(text));

@@ -72,6 +72,7 @@ void plan_movie(const ShotConfig& config, const Shot& shot, const std::vector<La
     throw Error(ErrorCode::kBadInput, loc, e.message());
   }
   std::vector<std::string> names;
+  names.reserve(layers.size());
   for (const LayerDesc& d : layers) names.push_back(d.name);
   if (std::find(names.begin(), names.end(), shot.video.layer) == names.end()) {
     throw Error(ErrorCode::kBadInput, config.loc("video.layer"),

@@ -324,7 +324,7 @@ SourceLoc ShotConfig::loc(const std::string& key) const {
 std::filesystem::path ShotConfig::input_path(const ShotValue& value) const {
   const std::string& name = std::get<std::string>(value.value);
   if (value.loc.line == 0) return name;  // only files have lines
-  const std::filesystem::path path = named_file(folder_, name);
+  std::filesystem::path path = named_file(folder_, name);
   if (sandbox_) {
     std::error_code failed;
     const auto inside = std::filesystem::weakly_canonical(folder_.empty() ? "." : folder_, failed);

@@ -106,7 +106,7 @@ bool jumps_at(const AnimatedTransform& t, const Cut& cut) {
 
 }  // namespace
 
-void cut_motion(Scene& scene, const FrameClock& clock, std::vector<int> declared) {
+void cut_motion(Scene& scene, const FrameClock& clock, const std::vector<int>& declared) {
   std::set<int> seen_from;  // nodes of cameras and what they hang on
   for (const Camera& camera : scene.cameras) {
     for (int n = camera.node; n >= 0; n = scene.nodes[std::size_t(n)].parent) seen_from.insert(n);

@@ -11,7 +11,7 @@ namespace tempera {
 
 /// Ends the flights of cameras, and of other nodes that jump, from one side of each cut to the other: exporters write a
 /// cut as two keys a frame apart. The pose before a cut goes on as it moved. `declared`: first frames after cuts.
-void cut_motion(Scene& scene, const FrameClock& clock, std::vector<int> declared);
+void cut_motion(Scene& scene, const FrameClock& clock, const std::vector<int>& declared);
 
 /// First frames after cuts, in order: the declared ones, and those where the camera jumps from one view to another.
 /// Warns where a camera flies from one view to another within a frame, as if a cut were meant.
