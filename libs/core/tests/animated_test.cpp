@@ -46,6 +46,26 @@ TEST(Animated, APieceGoesOnBeyondItsJumpsAndStopsAtTheOuterKeys) {
   EXPECT_FLOAT_EQ(c.at(1.5), 7);
 }
 
+TEST(Animated, AProductHasTheJumpsOfBothAndNothingBetween) {
+  const Animated<Rgb> color({0, 1, 2}, {Rgb(1.0f), Rgb(2.0f), Rgb(8.0f)}, Interpolation::kStep);
+  const Animated<float> ramp({0, 1.5, 1.5, 3}, {1, 4, 10, 13}, Interpolation::kLinear);
+  const Animated<Rgb> p = product(color, ramp);
+  for (const double t : {0.0, 0.5, 0.999, 1.0, 1.25, 1.4999, 1.5, 1.75, 1.9999, 2.0, 2.5, 3.0, 4.0})
+    EXPECT_NEAR(p.at(t).r, color.at(t).r * ramp.at(t), 1e-5 * p.at(t).r) << t;
+  std::vector<double> jumps;
+  p.jumps({0, 4}, jumps);
+  ASSERT_EQ(jumps.size(), 3u);
+  EXPECT_NEAR(jumps[0], 1, 1e-5);
+  EXPECT_NEAR(jumps[1], 1.5, 1e-5);
+  EXPECT_NEAR(jumps[2], 2, 1e-5);
+}
+
+TEST(Animated, AProductOfTwoRampsIsNearTheirSquare) {
+  const Animated<float> ramp({0, 2}, {0, 2}, Interpolation::kLinear);
+  const Animated<float> square = product(ramp, ramp);
+  for (double t = 0; t <= 2; t += 0.01) EXPECT_NEAR(square.at(t), t * t, 0.25 / 64 + 1e-6) << t;
+}
+
 TEST(Animated, StepKeysWithOneValueDoNotJump) {
   const Animated<float> a({0, 1, 2, 3}, {1, 1, 2, 2}, Interpolation::kStep);
   std::vector<double> jumps;

@@ -75,43 +75,6 @@ bool can_be_positive(const Animated<Rgb>& factor) {
 
 bool is_constant(const Slot& slot, const Rgb& value) { return slot.is_constant() && slot.factor.values()[0] == value; }
 
-/// Whether a value changes at once at time t.
-bool jumps_at(const Animated<Rgb>& a, double t) {
-  std::vector<double> jumps;
-  const double near = 2 * key_tolerance(t);
-  a.jumps({t - near, t + near}, jumps);
-  return !jumps.empty();
-}
-
-/// a * b over time. Where both move, the keys of both, and two where one of them jumps.
-Animated<Rgb> product(const Animated<Rgb>& a, const Animated<Rgb>& b) {
-  const bool a_moves = !a.is_constant();
-  if (a_moves && !b.is_constant()) {
-    std::vector<double> all = a.times(), times;
-    all.insert(all.end(), b.times().begin(), b.times().end());
-    std::sort(all.begin(), all.end());
-    const auto same = [](double s, double t) { return t - s <= key_tolerance(t); };
-    all.erase(std::unique(all.begin(), all.end(), same), all.end());
-    const bool steps = a.interpolation() == Interpolation::kStep && b.interpolation() == Interpolation::kStep;
-    std::vector<Rgb> values;
-    const auto add = [&](double t, double piece) {
-      times.push_back(t);
-      values.push_back(a.at(t, piece) * b.at(t, piece));
-    };
-    for (const double t : all) {
-      if (!steps && (jumps_at(a, t) || jumps_at(b, t))) add(t, t - 2 * key_tolerance(t));
-      add(t, t);
-    }
-    return {times, values, steps ? Interpolation::kStep : Interpolation::kLinear};
-  }
-  const Animated<Rgb>& moving = a_moves ? a : b;
-  const Rgb constant = (a_moves ? b : a).at(0);
-  if (moving.is_constant()) return Animated<Rgb>(moving.at(0) * constant);
-  std::vector<Rgb> values = moving.values();
-  for (Rgb& v : values) v *= constant;
-  return {moving.times(), std::move(values), moving.interpolation()};
-}
-
 Wrap wrap_mode(const Json& json) {
   switch (json.integer(10497)) {
     case 10497:

@@ -368,7 +368,7 @@ void edit_punctual(const Values& v, const FrameClock& clock, PunctualLight& ligh
   if (light.type != LightType::kSpot) refuse(v, {"cone", "beam", "blend"}, what);
   if (v.has("color")) light.intensity = light_color(v);
   if (v.has("intensity")) light.intensity_scale = v.keys("intensity", clock, 0, 1e30);
-  if (v.has("scale")) light.intensity = product(light.intensity, float(v.params.get_double("scale")));
+  if (v.has("scale")) light.intensity = product(light.intensity, Animated<float>(float(v.params.get_double("scale"))));
   if (v.has("cone")) {
     light.cutoff_angle = float(v.params.get_double("cone") * kDegrees / 2);
     if (!v.has("beam") && !v.has("blend") && light.falloff == SpotFalloff::kSmoothstep) light.beam_width = 0.0f;
@@ -425,7 +425,7 @@ void edit_emitting(const Values& v, const FrameClock& clock, Scene& scene, std::
     Animated<Rgb>& factor = emission->radiance.factor;
     if (v.has("color")) factor = light_color(v);
     if (v.has("intensity")) factor = product(factor, v.keys("intensity", clock, 0, 1e30));
-    if (v.has("scale")) factor = product(factor, float(v.params.get_double("scale")));
+    if (v.has("scale")) factor = product(factor, Animated<float>(float(v.params.get_double("scale"))));
     if (v.has("two_sided")) emission->two_sided = v.params.get_bool("two_sided");
     if (v.has("spread")) {
       const double spread = v.params.get_double("spread");

@@ -10,37 +10,6 @@
 
 namespace tempera {
 
-Animated<Rgb> product(const Animated<Rgb>& color, const Animated<float>& number) {
-  if (color.is_constant() && number.is_constant()) return color.at(0) * number.at(0);
-  if (number.is_constant()) {
-    std::vector<Rgb> values = color.values();
-    for (Rgb& v : values) v *= number.at(0);
-    return {color.times(), values, color.interpolation()};
-  }
-  if (color.is_constant()) {
-    std::vector<Rgb> values;
-    for (const float v : number.values()) values.push_back(color.at(0) * v);
-    return {number.times(), values, number.interpolation()};
-  }
-  std::vector<double> keys = color.times();
-  keys.insert(keys.end(), number.times().begin(), number.times().end());
-  std::sort(keys.begin(), keys.end());
-  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
-  constexpr int kParts = 16;
-  std::vector<double> times;
-  std::vector<Rgb> values;
-  for (std::size_t i = 0; i < keys.size(); ++i) {
-    for (int k = 0; k < (i + 1 < keys.size() ? kParts : 1); ++k) {
-      const double t = k == 0 ? keys[i] : keys[i] + (keys[i + 1] - keys[i]) * k / kParts;
-      if (!times.empty() && !(t > times.back())) continue;
-      times.push_back(t);
-      values.push_back(color.at(t) * number.at(t));
-    }
-  }
-  const bool steps = color.interpolation() == Interpolation::kStep && number.interpolation() == Interpolation::kStep;
-  return {times, values, steps ? Interpolation::kStep : Interpolation::kLinear};
-}
-
 void make_sphere_light(Scene& scene, int index, float radius, bool camera_visible) {
   auto light = std::make_shared<PunctualLight>(scene.lights.at(std::size_t(index)));
   TEMPERA_ASSERT(radius > 0 && (light->type == LightType::kPoint || light->type == LightType::kSpot));

@@ -5,10 +5,6 @@
 
 namespace tempera {
 
-/// The product of a color and a number over time, with the keys of the one that has any. Where both change: their
-/// values at all keys, and at sixteenths between them.
-Animated<Rgb> product(const Animated<Rgb>& color, const Animated<float>& number);
-
 /// Turns the point or spot light scene.lights[light] into an emitting sphere of `radius` metres around its node's
 /// origin, an instance of the light's name: its radiance is intensity / (pi radius^2), so that it sends out the same
 /// power in every direction. A spot keeps its cone by direction. Scale of its node does not change the radius. The
