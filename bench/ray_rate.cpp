@@ -15,7 +15,7 @@
 
 #include "tempera/core/parallel.h"
 #include "tempera/import/import.h"
-#include "tempera/integrators/integrator.h"
+#include "tempera/methods/integrator.h"
 
 namespace {
 

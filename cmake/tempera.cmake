@@ -19,20 +19,25 @@ target_compile_definitions(tempera_options INTERFACE TEMPERA_VERSION="${PROJECT_
   $<$<OR:$<CONFIG:Debug>,$<BOOL:${TEMPERA_ASSERTS}>>:TEMPERA_ASSERTS>)
 
 # tempera_module(NAME [DEPENDS modules...] [USES private targets...] [PUBLIC_USES targets...])
-# A module is libs/NAME: headers in include/tempera/NAME (a verified file set), sources in src, tests in tests/*_test.cpp.
+# A module is libs/NAME: headers for others in include/tempera/NAME (a verified file set), sources in src or folders of
+# their own, tests as *_test.cpp in folders named tests.
 function(tempera_module name)
   cmake_parse_arguments(M "" "" "DEPENDS;USES;PUBLIC_USES" ${ARGN})
-  file(GLOB sources CONFIGURE_DEPENDS src/*.cpp)
+  file(GLOB_RECURSE sources CONFIGURE_DEPENDS *.cpp)
+  set(tests ${sources})
+  list(FILTER sources EXCLUDE REGEX "/libs/${name}/(.*/)?tests/")
+  list(FILTER tests INCLUDE REGEX "/libs/${name}/(.*/)?tests/.*_test\\.cpp$")
   file(GLOB headers CONFIGURE_DEPENDS include/tempera/${name}/*.h)
   add_library(tempera_${name} STATIC ${sources})
   add_library(tempera::${name} ALIAS tempera_${name})
   target_sources(tempera_${name} PUBLIC FILE_SET HEADERS BASE_DIRS include FILES ${headers})
   set_target_properties(tempera_${name} PROPERTIES VERIFY_INTERFACE_HEADER_SETS ON)
+  target_include_directories(tempera_${name} PRIVATE src .)
   list(TRANSFORM M_DEPENDS PREPEND tempera::)
   target_link_libraries(tempera_${name} PUBLIC tempera_options ${M_DEPENDS} ${M_PUBLIC_USES} PRIVATE ${M_USES})
-  file(GLOB tests CONFIGURE_DEPENDS tests/*_test.cpp)
   if(TEMPERA_TESTS AND tests)
     tempera_test(${name}_test SOURCES ${tests} LINKS tempera::${name} ${M_USES} LABELS fast)
+    target_include_directories(${name}_test PRIVATE src tests .)
   endif()
 endfunction()
 

@@ -7,6 +7,8 @@ brackets, separated by semicolons or commas. The bibliography's key for it is th
 (`manzi2016`), with any title word after it (`manzi2016temporal`). A year letter tells two papers of one year apart
 (`[Heitz 2018b]`, `heitz2018b`).
 
+A citation stands on one line, so that a search finds it.
+
 Exit status: 0 all found, 1 otherwise; each fault is printed as file:line.
 """
 import re
@@ -17,10 +19,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 BIBLIOGRAPHY = ROOT / "docs" / "references.bib"
-SUFFIXES = {".h", ".cpp", ".py", ".md", ".cmake", ".txt"}
+SUFFIXES = {".h", ".cpp", ".cu", ".py", ".md", ".cmake", ".txt"}
 
 ONE = r"[^\W\d_][\w'’-]*(?: (?:and|&) [^\W\d_][\w'’-]*| et al\.)? (?:1[89]|20)\d\d[a-z]?(?:, [^\][;]+)?"
 CITATION = re.compile(r"\[(" + ONE + r"(?:[;,] " + ONE + r")*)\](?!\()")
+BROKEN = re.compile(r"\[" + ONE.replace("(?:, [^\\][;]+)?", "") + r"(?:,[^\][;]*)?$")
 SEPARATOR = re.compile(r"[;,] (?=" + ONE + r")")
 PART = re.compile(r"^(?P<author>[^\W\d_][\w'’-]*).*? (?P<year>(?:1[89]|20)\d\d[a-z]?)(?:, |$)")
 
@@ -41,6 +44,13 @@ def citations(text: str):
                     yield number, part, plain(match["author"]) + match["year"]
 
 
+def broken_citations(text: str):
+    """Yields (line number, its end) where a line ends within a citation."""
+    for number, line in enumerate(text.splitlines(), 1):
+        if found := BROKEN.search(line.rstrip()):
+            yield number, found.group()
+
+
 def main() -> int:
     keys = []
     if BIBLIOGRAPHY.exists():
@@ -55,6 +65,8 @@ def main() -> int:
         path = ROOT / name
         if path.suffix not in SUFFIXES or path == Path(__file__).resolve() or not path.is_file():
             continue
+        for line, end in broken_citations(path.read_text(encoding="utf-8", errors="replace")):
+            faults.append(f"{name}:{line}: the citation {end} is broken over two lines")
         for line, citation, key in citations(path.read_text(encoding="utf-8", errors="replace")):
             count += 1
             # What follows author and year in a key is a word of the title; a letter of the year is not one by itself.

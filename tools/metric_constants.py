@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
-"""Prints the constants that libs/stages/tests/metrics_test.cpp expects, computed by programs that we did not write.
+"""Prints the constants that libs/measure/tests/metrics_test.cpp expects, computed by programs that we did not write.
 
 FLIP comes from NVIDIA's flip-evaluator, SSIM and PSNR from scikit-image, periodograms from SciPy, the rest from NumPy.
     python3 -m pip install -r tools/requirements-dev.txt && python3 tools/metric_constants.py

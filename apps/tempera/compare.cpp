@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tempera/stages/compare.h"
+#include "tempera/measure/compare.h"
 
 #include <fmt/format.h>
 #include <unistd.h>

@@ -8,7 +8,7 @@
 #include "program.h"
 #include "tempera/frames/layers.h"
 #include "tempera/import/import.h"
-#include "tempera/integrators/integrator.h"
+#include "tempera/methods/integrator.h"
 #include "tempera/pipeline/materials.h"
 
 namespace tempera {

@@ -10,7 +10,7 @@
 #include "tempera/core/parallel.h"
 #include "tempera/frames/frame.h"
 #include "tempera/import/import.h"
-#include "tempera/integrators/integrator.h"
+#include "tempera/methods/integrator.h"
 
 namespace tempera {
 namespace {

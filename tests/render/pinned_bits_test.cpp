@@ -35,9 +35,10 @@ constexpr bool kBitsHold = true;
 constexpr bool kBitsHold = false;
 #endif
 
-const std::string kSize = "film.resolution=48x27", kFeatures = "output.layers=color,halves,color.var,albedo,normal,depth,"
-                                                              "position,object_id,uv,emission,motion,cryptomatte,"
-                                                              "samples,time";
+const std::string kSize = "film.resolution=48x27", kFeatures =
+                                                       "output.layers=color,halves,color.var,albedo,normal,depth,"
+                                                       "position,object_id,uv,emission,motion,cryptomatte,"
+                                                       "samples,time";
 
 std::vector<Pinned> pins() {
   const auto gradient = [](std::string name, std::string spp, std::vector<std::string> more = {}) {
@@ -46,22 +47,29 @@ std::vector<Pinned> pins() {
   };
   const std::string adaptive = "integrator.adaptive=unbiased", batches = "integrator.adaptive_batches=2";
   return {
-      {"runner_path", "running-figure", 9, {kSize, "sampling.spp=4", kFeatures}, 0x0, 0.3},
-      {"egg_path", "glass-egg", 5, {kSize, "sampling.spp=4", "integrator.name=path", kFeatures}, 0x0, 0.3},
-      {"cornell_path", "cornell-motion", 7, {kSize, "sampling.spp=3", kFeatures}, 0x0, 0.3},
-      {"vase_path", "vase", 3, {kSize, "sampling.spp=2", "shutter.close=1", "film.filter=gaussian"}, 0x0, 0.3},
-      {"runner_gradients", "running-figure", 9, gradient("gradient_path", "4"), 0x0, 0.3},
-      {"egg_gradients", "glass-egg", 5, gradient("gradient_path", "4"), 0x0, 0.3},
-      {"egg_adaptive", "glass-egg", 5, gradient("gradient_path", "8", {adaptive, batches}), 0x0, 0.3},
-      {"runner_temporal", "running-figure", 9, gradient("temporal_gradient_path", "4"), 0x0, 0.3},
-      {"egg_temporal", "glass-egg", 5, gradient("temporal_gradient_path", "4"), 0x0, 0.3},
-      {"cornell_temporal", "cornell-motion", 7, gradient("temporal_gradient_path", "4"), 0x0, 0.3},
-      {"cornell_adaptive",
-       "cornell-motion",
-       7,
-       gradient("temporal_gradient_path", "16", {adaptive, batches}),
-       0x0,
-       0.3},
+      {"runner_path", "running-figure", 9, {kSize, "sampling.spp=4", kFeatures}, 0xa37f23c3e55cee6c, 0.3171284},
+      {"egg_path",
+       "glass-egg",
+       5,
+       {kSize, "sampling.spp=4", "integrator.name=path", kFeatures},
+       0x47a5d995baac0b5c,
+       0.3517202},
+      {"cornell_path", "cornell-motion", 7, {kSize, "sampling.spp=3", kFeatures}, 0x55c1e6076f18b852, 0.2063102},
+      {"vase_path",
+       "vase",
+       3,
+       {kSize, "sampling.spp=2", "shutter.close=1", "film.filter=gaussian"},
+       0x58425b4446571dbd,
+       0.4814588},
+      {"runner_gradients", "running-figure", 9, gradient("gradient_path", "4"), 0xaf6884195500face, 0.3171284},
+      {"egg_gradients", "glass-egg", 5, gradient("gradient_path", "4"), 0x82ffa4e5a458296d, 0.3517202},
+      {"egg_adaptive", "glass-egg", 5, gradient("gradient_path", "8", {adaptive, batches}), 0xdff189f63ff67448,
+       0.3546182},
+      {"runner_temporal", "running-figure", 9, gradient("temporal_gradient_path", "4"), 0x7cd7c27cef3ddb89, 0.3172564},
+      {"egg_temporal", "glass-egg", 5, gradient("temporal_gradient_path", "4"), 0x15d7039535742eee, 0.350071},
+      {"cornell_temporal", "cornell-motion", 7, gradient("temporal_gradient_path", "4"), 0x8f1e1f360a43595c, 0.1982349},
+      {"cornell_adaptive", "cornell-motion", 7, gradient("temporal_gradient_path", "16", {adaptive, batches}),
+       0xf2164a1ac7b4b217, 0.2078421},
   };
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Objects, cameras and lights that are scaled to a plane, a line or a point.
-#include "../src/singular.h"
+#include "singular.h"
 
 #include <gtest/gtest.h>
 

@@ -17,7 +17,7 @@
 #include "tempera/core/log.h"
 #include "tempera/core/parallel.h"
 #include "tempera/frames/files.h"
-#include "tempera/integrators/frame_scene.h"
+#include "tempera/transport/frame_scene.h"
 
 namespace tempera {
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "fast_math.h"
+#include "tempera/core/fast_math.h"
 #include "tempera/core/parallel.h"
 #include "tempera/core/vec.h"
 

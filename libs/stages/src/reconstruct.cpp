@@ -420,8 +420,8 @@ DataVariance variance_between_passes(const Input& in, int w, int h) {
   return out;
 }
 
-/// Temporal and mixed data of a frame: its base pass taken from the offset pass of the next one. [Manzi 2016,
-/// Sec. 4.2.1]
+/// Temporal and mixed data of a frame: its base pass taken from the offset pass of the next one.
+/// [Manzi 2016, Sec. 4.2.1]
 void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
   parallel_for(
       0, out.height(),

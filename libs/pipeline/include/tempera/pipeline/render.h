@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "tempera/frames/frame.h"
-#include "tempera/integrators/integrator.h"
+#include "tempera/methods/integrator.h"
 #include "tempera/pipeline/shot.h"
 
 namespace tempera {

@@ -10,7 +10,7 @@
 #include "tempera/frames/frame.h"
 #include "tempera/frames/video.h"
 #include "tempera/import/import.h"
-#include "tempera/integrators/integrator.h"
+#include "tempera/methods/integrator.h"
 #include "tempera/pipeline/shot_config.h"
 #include "tempera/scene/scene.h"
 

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "tempera/frames/display.h"
-#include "tempera/stages/compare.h"
+#include "tempera/measure/compare.h"
 
 namespace tempera {
 

@@ -132,8 +132,8 @@ class PoissonSystem {
 
   /// Weights of iteratively reweighted least squares for the sum of norms |W0 (A x - b)| of RGB vectors, where W0 are
   /// the weights without reweighting: W^2 = scale W0^2 / (|W0 (A x - b)| + epsilon). The minimum of the reweighted
-  /// squares moves to that of Fair's loss, which is quadratic below epsilon and linear above. Source: [Manzi 2016, Eq.
-  /// 3], p = 1. Returns the sum of norms at x, over all rows. Pre: epsilon > 0.
+  /// squares moves to that of Fair's loss, which is quadratic below epsilon and linear above.
+  /// Source: [Manzi 2016, Eq. 3], p = 1. Returns the sum of norms at x, over all rows. Pre: epsilon > 0.
   double reweight(const PlanarFrames& x, double epsilon, double scale);
   /// Weights that depend on the set alone.
   void set_uniform() { stored_ = false; }

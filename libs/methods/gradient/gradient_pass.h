@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Gradient-domain path tracing of tiles: picture and differences of neighbouring pixels.
+#include <map>
+#include <mutex>
+#include <stop_token>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "adaptive_sampling.h"
+#include "tempera/transport/path_tracer.h"
+#include "rare_light.h"
+#include "tempera/transport/tile_film.h"
+
+namespace tempera {
+
+class ShiftObserver;
+
+struct GradientOptions {
+  PathOptions path;
+  AdaptiveOptions adaptive;
+  float roughness_threshold = 0.001f;
+  bool rare = true;  ///< whether to write what robust reconstruction keeps apart (rare_light.h)
+
+  static const std::vector<ParamSpec>& params();
+  explicit GradientOptions(const Params& p);
+};
+
+/// Layers that a pass keeps until all tiles are there: the estimates of each difference from either side, their
+/// variances if `variance`.
+std::vector<LayerDesc> gradient_work_layers(const std::string& prefix, bool variance);
+/// Whether a pass needs those variances: to place samples, or for the layers that are asked for.
+bool needs_variance(const GradientOptions& options, const RenderSettings& settings, const std::string& prefix);
+/// Names of the layers that a pass can write beside those of a film. `estimates`: as rare_layers has it.
+std::vector<std::string> gradient_layer_names(const std::string& prefix, int estimates);
+
+/// The samples of a tile, and what paths shifted to the neighbouring pixels say of the differences. Estimates from the
+/// two sides of a difference are weighted as if both pixels had equally many samples, whatever they have: so the
+/// weights of a pair of paths add up to one in any order and number of batches. Threads: one thread each.
+class GradientTile {
+ public:
+  /// Gathers what `out` has layers for, under names that begin with `prefix`.
+  GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix);
+
+  /// Adds `count` samples of pixel (x, y), with the random numbers of `key` from number `first` on.
+  void sample(const FrameContext& context, const GradientOptions& options, int x, int y, const PixelKey& key, int first,
+              int count, RenderCounters& counters);
+  /// Writes the estimates to the layers of `out`, work layers too. Variances of differences are those of the means,
+  /// from two independent halves; or, if `of_samples`, what the spread of all samples says, which is less noisy and,
+  /// for points of a net, too much.
+  void write(Frame& out, bool of_samples = false) const;
+
+ private:
+  struct Pixel {
+    std::array<Rgb, 4> sums, even_sums, squares;  ///< of the contributions to the four differences
+    int count = 0, even_count = 0;
+  };
+  void add_rare(RarePixel& pixel, const SampleResult& sample, const ShiftObserver& shifts, float weight,
+                bool even) const;
+
+  const RenderSettings& settings_;
+  Tile tile_;
+  std::string prefix_;
+  TileFilm film_;
+  std::vector<Pixel> pixels_;
+  std::vector<RarePixel> rare_;  ///< empty if not asked for
+  bool two_estimates_;
+};
+
+/// Joins the two estimates of each difference: mean of g_ij minus mean of g_ji. [Manzi 2016, Eq. 1]
+void join_gradients(const std::string& prefix, Frame& out);
+
+/// A frame whose samples are placed in batches: what its tiles share, and what they keep from one to the next.
+class GradientBatches {
+ public:
+  /// `spp`: samples of a pixel, on average.
+  GradientBatches(const FrameContext& context, const GradientOptions& options, int spp);
+
+  bool last() const { return batch_ + 1 == plan_.count; }
+  /// Renders the present batch of a tile into `out`. Returns false if it was stopped. Threads: concurrently for
+  /// different tiles.
+  bool render(const FrameContext& context, const GradientOptions& options, const Tile& tile, Frame& out,
+              RenderCounters& counters, const std::stop_token& stop);
+  /// Places the next batch, once all tiles of `out` hold this one.
+  void next(const FrameContext& context, const GradientOptions& options, const Frame& out);
+
+ private:
+  BatchPlan plan_;
+  int batch_ = 0;
+  std::vector<int> taken_, wanted_;  ///< samples of each pixel: numbers used up; in the present batch
+  std::mutex mutex_;
+  std::map<std::pair<int, int>, GradientTile> tiles_;  ///< by their first pixel
+};
+
+/// Integrator::replay: the radiance of a sample, or what it adds to a difference if that is not finite.
+Rgb replay_gradients(const FrameContext& context, const GradientOptions& options, const BadSample& sample);
+
+/// Errors: Error{kUnsupported} for a rolling shutter, naming `integrator`.
+void check_gradient_settings(const RenderSettings& settings, std::string_view integrator);
+
+}  // namespace tempera

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Gradient-domain path tracing: beside the picture, the differences between neighbouring pixels, estimated with pairs
+// of correlated paths. [Kettunen 2015; Manzi 2016]
+//
+// Every path of a pixel (the base path: that of the integrator "path", bit for bit) is shifted to its four neighbours.
+// The difference I_j - I_i is the sum of two estimates, from the paths of i and from those of j; each path pair is
+// weighted over all the ways in which it could have been sampled: from either side, by next-event estimation or by the
+// BSDF. What is weighted are ratios to the density of the base path, so that single precision serves:
+//
+//   beta  f' / p of the offset path, with the Jacobians of its shifts
+//   rho   p' / p of the two paths, with the Jacobians
+//   g     of Manzi's g_ij: the contributions of one base path to one difference
+#include "tempera/transport/path_tracer.h"
+
+namespace tempera {
+
+/// To the neighbours of a pixel: right, down, left, up.
+constexpr std::array<Vec2f, 4> kNeighbours{Vec2f{1, 0}, Vec2f{0, 1}, Vec2f{-1, 0}, Vec2f{0, -1}};
+
+/// One shifted path, built along with the base path.
+struct OffsetPath {
+  enum State : std::uint8_t {
+    kOutside,  ///< its pixel is not part of the picture
+    kDead,     ///< the shift failed
+    kFree,     ///< all its vertices are its own
+    kFresh,    ///< shares the current vertex, but arrives there from elsewhere
+    kJoined    ///< shares the last two vertices
+  } state = kOutside;
+  Rgb beta{1.0f};
+  float rho = 1;
+  float roulette = 1, eta2 = 1;  ///< what Russian roulette looks at
+  Vertex vertex;                 ///< kFree, kFresh: the current one, seen from this path's previous vertex
+  Rgb g;
+};
+
+/// Shifts a base path to the neighbouring pixels as it grows.
+class ShiftObserver {
+ public:
+  static constexpr bool kActive = true;
+  ShiftObserver(const FrameContext& context, const PathOptions& options, float threshold, const CameraSample& camera,
+                std::array<bool, 4> inside)
+      : context_(context), options_(options), threshold_(threshold), camera_(camera) {
+    for (std::size_t j = 0; j < 4; ++j) offsets_[j].state = inside[j] ? OffsetPath::kFree : OffsetPath::kOutside;
+  }
+  const Rgb& g(std::size_t j) const { return offsets_[j].g; }
+
+  /// Whether the path is rare: it met a lobe too narrow to connect to after a surface that connects, as light does that
+  /// glass focuses onto a wall. Shifts of such paths mostly fail, so their differences are noise.
+  bool rare() const { return rare_; }
+  /// Of a rare path, radiance and contributions to the differences from before it became one.
+  const Rgb& common_radiance() const { return common_radiance_; }
+  const Rgb& common_g(std::size_t j) const { return common_g_[j]; }
+  std::uint64_t rays() const { return rays_; }
+
+  void start(const Vertex* first, const Rgb& emitted);
+  void next_event(const Vertex& at, const LightSample& light, const BsdfEval& f, float visible);
+  void extend(const Extension& edge);
+
+ private:
+  /// Diffuse enough to connect to; `delta`: whether the path takes a delta lobe there.
+  bool connects(const Vertex& v, bool delta) const { return !delta && v.bsdf.least_roughness() > threshold_; }
+  /// The end of an edge: lights and the environment always can be connected to.
+  bool connects_to(const Vertex* v) const { return !v || v->shape->emission || connects(*v, false); }
+  bool samples_lights(const Bsdf& bsdf) const { return bsdf.has_non_delta() && !context_.lights.empty(); }
+  void extend_shared(const Extension& e, const Rgb& base, float base_weight, OffsetPath& o) const;
+  void reconnect(const Extension& e, const Rgb& base, float base_weight, OffsetPath& o);
+  void copy_half_vector(const Extension& e, const Rgb& base, OffsetPath& o);
+  /// Scattering of an offset path: its share of throughput, density and roulette.
+  static void scatter(const Extension& e, const Rgb& f, float pdf, float jacobian, float eta, OffsetPath& o);
+
+  const FrameContext& context_;
+  const PathOptions& options_;
+  float threshold_;
+  const CameraSample& camera_;
+  Rgb beta_{1.0f};  ///< of the base path
+  std::array<OffsetPath, 4> offsets_;
+  std::uint64_t rays_ = 0;
+  bool connected_ = false, rare_ = false;  ///< connected_: a surface that connects was met
+  Rgb common_radiance_;
+  std::array<Rgb, 4> common_g_;
+};
+
+}  // namespace tempera

@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: Apache-2.0
+// Temporal gradient-domain path tracing. [Manzi 2016]
+//
+// Each frame is rendered twice with half of the samples: the base pass with random numbers of its own, and the offset
+// pass with those of the frame before, each pixel with the numbers of the pixel that showed the same matter then. The
+// difference of the offset pass of frame t + 1 and the base pass of frame t is the temporal difference (Sec. 3.2): the
+// temporal shift copies all primary sample coordinates and adds a frame to the time, so its Jacobian is one.
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "gradient_pass.h"
+#include "tempera/methods/integrator.h"
+#include "tempera/transport/pixel_motion.h"
+#include "tempera/transport/tile_film.h"
+
+namespace tempera {
+
+namespace {
+
+const std::string kOffset = "offset.";
+/// Streams of pixels that show what the frame before did not: independent of all frames' own.
+constexpr std::int64_t kFillStreams = std::int64_t(1) << 40;
+
+/// Samples of the base and of the offset pass. The offset pass has as many as the base pass of the frame before.
+int base_samples(const RenderSettings& s) { return s.spp - s.spp / 2; }
+int offset_samples(const RenderSettings& s) { return s.spp / 2; }
+
+struct ReplayPlan final : FramePlan {
+  ReplayPlan(const FrameContext& context, const GradientOptions& options)
+      : base(context, options, base_samples(context.settings)) {}
+  GradientBatches base;
+  ReplayMap map;         ///< empty if the frame is rendered for the next one only
+  Image samples_before;  ///< of the base pass of the frame before; empty under uniform sampling
+};
+
+class TemporalGradientPathIntegrator final : public Integrator {
+ public:
+  static const std::vector<ParamSpec>& params() {
+    static const std::vector<ParamSpec> specs = [] {
+      std::vector<ParamSpec> s = GradientOptions::params();
+      s.push_back({"subpixel_motion", true, "replayed samples follow motion by parts of a pixel (box filter)"});
+      return s;
+    }();
+    return specs;
+  }
+  explicit TemporalGradientPathIntegrator(const Params& p)
+      : options_(p), subpixel_motion_(p.get_bool("subpixel_motion")) {}
+
+  std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
+    check_gradient_settings(settings, "temporal_gradient_path");
+    if (!settings.seed_per_frame) {
+      throw SettingError(
+          ErrorCode::kUnsupported, "sampling.seed_per_frame",
+          "the integrator \"temporal_gradient_path\" replays the numbers of the frame before: every frame needs "
+          "its own (sampling.seed_per_frame = true)");
+    }
+    if (settings.spp < 2) {
+      throw SettingError(
+          ErrorCode::kOutOfRange, "sampling.spp",
+          "the integrator \"temporal_gradient_path\" divides the samples among two passes: spp must be at least 2");
+    }
+    plan_batches(options_.adaptive, base_samples(settings));
+    static const std::vector<std::string> more = [] {
+      std::vector<std::string> names = gradient_layer_names("", 1);
+      for (std::string& name : gradient_layer_names(kOffset, 1)) names.push_back(std::move(name));
+      for (const char* name :
+           {"offset.color", "offset.color.a", "offset.color.b", "offset.color.var", "offset.samples", "offset.source"})
+        names.push_back(name);
+      return names;
+    }();
+    std::vector<LayerDesc> result = film_outputs(settings, "temporal_gradient_path", more);
+    add_missing(result, {layers::grad_x(), layers::grad_y(), layers::samples(), layers::motion_forward(),
+                         layers::motion_backward(), layers::offset(layers::color()), layers::offset(layers::grad_x()),
+                         layers::offset(layers::grad_y()), layers::offset(layers::samples()),
+                         layers::offset(layers::source())});
+    if (options_.rare) {
+      add_missing(result, rare_layers("", 1));
+      add_missing(result, rare_layers(kOffset, 1));
+      add_missing(result, {layers::object_id()});
+    }
+    return result;
+  }
+  std::vector<LayerDesc> work_layers(const RenderSettings& settings) const override {
+    std::vector<LayerDesc> result;
+    for (const std::string& prefix : {std::string(), kOffset}) {
+      add_missing(result, gradient_work_layers(prefix, needs_variance(options_, settings, prefix)));
+      if (options_.rare) add_missing(result, rare_work_layers(prefix, 1));
+    }
+    return result;
+  }
+
+  int frames_before() const override { return 1; }
+  std::vector<std::string> layers_for_next_frame() const override {
+    if (options_.adaptive.mode == AdaptiveOptions::Mode::kOff) return {};
+    return {layers::samples().name};
+  }
+  int rounds(const RenderSettings& settings) const override {
+    return plan_batches(options_.adaptive, base_samples(settings)).count;
+  }
+  std::unique_ptr<FramePlan> prepare(const FrameContext& context, const FrameContext* before,
+                                     const Frame* rendered) const override {
+    auto plan = std::make_unique<ReplayPlan>(context, options_);
+    if (!context.only_for_next_frame) plan->map = make_replay_map(*before, context);
+    if (rendered) plan->samples_before = rendered->layer(layers::samples().name);
+    return plan;
+  }
+  void next_round(const FrameContext& context, const Frame& out) const override {
+    static_cast<ReplayPlan*>(context.plan)->base.next(context, options_, out);
+  }
+
+  void render(const FrameContext& context, const Tile& tile, Frame& out, RenderCounters& counters,
+              std::stop_token stop) const override {
+    auto& plan = *static_cast<ReplayPlan*>(context.plan);
+    if (!plan.base.render(context, options_, tile, out, counters, stop)) return;
+    if (!plan.base.last() || context.only_for_next_frame) return;
+    if (!render_offset(context, plan, tile, out, counters, stop)) return;
+    write_motion(context, tile, out);
+  }
+  void finish(const FrameContext& /*context*/, Frame& out) const override {
+    join_gradients("", out);
+    join_gradients(kOffset, out);
+    if (options_.rare) keep_rare_apart(std::vector<std::string>{"", kOffset}, out);
+  }
+
+  Rgb replay(const FrameContext& context, const BadSample& sample) const override {
+    return replay_gradients(context, options_, sample);
+  }
+
+ private:
+  /// Each pixel with the numbers, and as many of them, as the pixel of the frame before that showed the same matter.
+  /// Returns false if it was stopped.
+  bool render_offset(const FrameContext& context, const ReplayPlan& plan, const Tile& tile, Frame& out,
+                     RenderCounters& counters, const std::stop_token& stop) const {
+    const int x0 = context.settings.x0(), y0 = context.settings.y0();
+    GradientTile film(context, tile, out, kOffset);
+    Image& source = out.layer(kOffset + "source");
+    for (int y = tile.y0; y < tile.y1; ++y) {
+      for (int x = tile.x0; x < tile.x1; ++x) {
+        if (stop.stop_requested()) return false;
+        const ReplayMap::Source& from = plan.map.at(x, y);
+        const int sx = from.x, sy = from.y;
+        const bool replayed = sx >= 0;
+        // What could not be seen before gets samples of its own: differences need samples on both sides.
+        PixelKey key{context.frame + kFillStreams, x, y};
+        if (replayed) {
+          key = {context.frame - 1, sx, sy};
+          key.rotation_x = rotation(context.settings.filter, from.residue.x);
+          key.rotation_y = rotation(context.settings.filter, from.residue.y);
+        }
+        const int count = replayed && !plan.samples_before.empty() ? int(plan.samples_before.at(sx - x0, sy - y0))
+                                                                   : offset_samples(context.settings);
+        film.sample(context, options_, x, y, key, 0, count, counters);
+        const std::array<float, 3> values{replayed ? float(sx) : 0, replayed ? float(sy) : 0, replayed ? 1.0f : 0.0f};
+        std::copy(values.begin(), values.end(), source.pixel(x - x0, y - y0));
+      }
+    }
+    film.write(out);
+    return true;
+  }
+
+  /// How far samples are turned within the pixel to stay on the matter that they showed in the frame before: those that
+  /// leave it on one side come back on the other, so that the density stays even. In units of PixelKey. Beyond [Manzi
+  /// 2016], where matter moves against the pixel by what rounding leaves over. Other filters are not even: turned by
+  /// what is right in their middle, samples further out stray more than without.
+  int rotation(const PixelFilter& filter, float residue) const {
+    if (!subpixel_motion_ || filter.kind() != FilterKind::kBox) return 0;
+    return int(std::lround(residue / (2 * filter.radius()) * PixelKey::kFullRotation));
+  }
+
+  GradientOptions options_;
+  bool subpixel_motion_;
+};
+
+}  // namespace
+
+extern const IntegratorEntry temporal_gradient_path_entry;
+const IntegratorEntry temporal_gradient_path_entry{
+    "temporal_gradient_path",
+    "Temporal gradient-domain path tracing: differences over space and time for `tempera reconstruct`",
+    TemporalGradientPathIntegrator::params(),
+    [](const Params& p) -> std::unique_ptr<Integrator> { return std::make_unique<TemporalGradientPathIntegrator>(p); }};
+
+}  // namespace tempera

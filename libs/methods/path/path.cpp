@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: Apache-2.0
+// Path tracing with next-event estimation and multiple importance sampling.
+#include "tempera/methods/integrator.h"
+#include "tempera/transport/path_tracer.h"
+#include "tempera/transport/pixel_motion.h"
+#include "tempera/transport/tile_film.h"
+
+namespace tempera {
+
+namespace {
+
+const std::vector<ParamSpec>& params() {
+  static const std::vector<ParamSpec> specs = [] {
+    std::vector<ParamSpec> s = PathOptions::params();
+    s.push_back({"clamp", 0.0,
+                 "largest luminance that one sample may add through scattered light; 0: off (clamping is biased)", 0,
+                 1e9});
+    s.push_back({"adaptive_error", 0.0,
+                 "stop sampling a pixel at this relative error of its mean; 0: off, every pixel gets spp", 0, 1});
+    s.push_back({"adaptive_min_spp", 32, "samples that every pixel gets under adaptive sampling", 4, 1e6});
+    return s;
+  }();
+  return specs;
+}
+
+class PathIntegrator final : public Integrator {
+ public:
+  explicit PathIntegrator(const Params& p)
+      : options_(p),
+        adaptive_error_(float(p.get_double("adaptive_error"))),
+        adaptive_min_spp_(p.get_int("adaptive_min_spp")) {
+    options_.clamp = float(p.get_double("clamp"));
+  }
+
+  std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
+    return film_outputs(settings, "path");
+  }
+
+  void render(const FrameContext& context, const Tile& tile, Frame& out, RenderCounters& counters,
+              std::stop_token stop) const override {
+    TileFilm film(context, tile, out);
+    std::uint64_t samples = 0, rays = 0, shadow_rays = 0;
+    const auto take = [&](int x, int y, int index) {
+      const CameraSample camera = camera_sample(context, x, y, index);
+      const Vec3f axis = film.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
+      NoObserver none;
+      const SampleResult r =
+          trace_path(context.at(camera.time), options_, camera, axis, film.sample_classes(), film.features(), none);
+      ++samples;
+      rays += r.rays;
+      shadow_rays += r.shadow_rays;
+      if (!film.add(x, y, index, camera, r)) counters.note_bad({context.frame, x, y, index, own_key(context, x, y)});
+    };
+    if (adaptive_error_ > 0 ? !sample_adaptively(tile, context.settings.spp, film, take, stop)
+                            : !sample_evenly(tile, context.settings.spp, take, stop)) {
+      return;
+    }
+    film.write(out);
+    write_motion(context, tile, out);
+    counters.samples += samples;
+    counters.rays += rays;
+    counters.shadow_rays += shadow_rays;
+  }
+
+  Rgb replay(const FrameContext& context, const BadSample& sample) const override {
+    const CameraSample camera = camera_sample(context, sample.numbers, sample.x, sample.y, sample.sample);
+    std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
+    NoObserver none;
+    return trace_path(context.at(camera.time), options_, camera, {}, classes, Features::kNone, none).radiance *
+           camera.weight;
+  }
+
+ private:
+  /// Both return false if they were stopped.
+  template <class Take>
+  static bool sample_evenly(const Tile& tile, int spp, Take&& take, const std::stop_token& stop) {
+    for (int y = tile.y0; y < tile.y1; ++y) {
+      for (int x = tile.x0; x < tile.x1; ++x) {
+        if (stop.stop_requested()) return false;
+        for (int i = 0; i < spp; ++i) take(x, y, i);
+      }
+    }
+    return true;
+  }
+  /// Passes over the tile, each doubling the samples where a pixel or a neighbour is still too noisy. Only pixels of
+  /// the tile are looked at, so that the result does not depend on what else was rendered.
+  template <class Take>
+  bool sample_adaptively(const Tile& tile, int spp, const TileFilm& film, Take&& take,
+                         const std::stop_token& stop) const {
+    const int w = tile.x1 - tile.x0, h = tile.y1 - tile.y0;
+    std::vector<char> active(std::size_t(w) * std::size_t(h), 1);
+    const auto at = [&](int x, int y) { return std::size_t(y - tile.y0) * std::size_t(w) + std::size_t(x - tile.x0); };
+    for (int done = 0; done < spp;) {
+      const int until = std::min(spp, done == 0 ? adaptive_min_spp_ : 2 * done);
+      for (int y = tile.y0; y < tile.y1; ++y) {
+        for (int x = tile.x0; x < tile.x1; ++x) {
+          if (stop.stop_requested()) return false;
+          if (!active[at(x, y)]) continue;
+          for (int i = done; i < until; ++i) take(x, y, i);
+        }
+      }
+      done = until;
+      std::vector<char> next(active.size(), 0);
+      for (int y = tile.y0; y < tile.y1; ++y) {
+        for (int x = tile.x0; x < tile.x1; ++x) {
+          if (!active[at(x, y)] || film.relative_error(x, y) <= adaptive_error_) continue;
+          for (int j = std::max(tile.y0, y - 1); j <= std::min(tile.y1 - 1, y + 1); ++j) {
+            for (int k = std::max(tile.x0, x - 1); k <= std::min(tile.x1 - 1, x + 1); ++k) next[at(k, j)] = 1;
+          }
+        }
+      }
+      for (std::size_t i = 0; i < active.size(); ++i) active[i] = active[i] && next[i];
+    }
+    return true;
+  }
+
+  PathOptions options_;
+  float adaptive_error_;
+  int adaptive_min_spp_;
+};
+
+}  // namespace
+
+extern const IntegratorEntry path_entry;
+const IntegratorEntry path_entry{
+    "path", "Path tracing with next-event estimation and multiple importance sampling", params(),
+    [](const Params& p) -> std::unique_ptr<Integrator> { return std::make_unique<PathIntegrator>(p); }};
+
+}  // namespace tempera

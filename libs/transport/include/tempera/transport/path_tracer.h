@@ -1,0 +1,404 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// One path from the camera, with next-event estimation, multiple importance sampling and light-path classes: the part
+// that the integrators of camera paths share. An observer may follow the path vertex by vertex (gradient-domain
+// rendering shifts it to the neighbouring pixels); without one nothing of it is compiled in.
+//
+//   throughput  beta: product of f |cos| / pdf over the vertices so far
+//   edges       number of path edges so far; a path to a light over n surfaces has n + 1
+//   w           multiple importance sampling weight, power heuristic [Veach 1997, Eq. 9.13]
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <new>
+#include <span>
+
+#include "tempera/core/params.h"
+#include "tempera/transport/frame_context.h"
+
+namespace tempera {
+
+constexpr int kMaxVertices = 4096;     // surfaces visited by one path, passed masks included: ends endless light traps
+constexpr float kMaxContinue = 0.95f;  // survival probability of Russian roulette, at most
+
+inline float power_heuristic(float a, float b) {
+  const float a2 = a * a, b2 = b * b;
+  return a2 > 0 ? (std::isinf(a2) ? 1.0f : a2 / (a2 + b2)) : 0.0f;
+}
+
+/// How paths are limited.
+struct PathOptions {
+  int max_depth = kMaxVertices;
+  int rr_depth = 5;
+  float clamp = 0;
+  bool hide_emitters = false;
+  bool null_counts = false;
+
+  /// The parameters that set these, for tables of integrators.
+  static const std::vector<ParamSpec>& params();
+  /// From parameters with those specifications.
+  explicit PathOptions(const Params& p);
+};
+
+/// Which features of the first surface a film asks for; the albedo costs more than the others together.
+enum class Features : std::uint8_t { kNone, kGeometry, kAll };
+
+/// What the first surface of a camera ray contributes to feature layers.
+struct FirstHit {
+  bool valid = false;
+  Rgb albedo, emission;
+  Vec3f normal, position;
+  Vec2f uv;
+  float depth = 0;
+  std::uint32_t instance = 0;
+};
+
+/// One sample of a pixel.
+struct SampleResult {
+  Rgb radiance;
+  float alpha = 0;
+  FirstHit first;
+  std::uint32_t rays = 0, shadow_rays = 0;
+};
+
+/// The random numbers, filter weight, time and camera ray of one sample.
+struct CameraSample {
+  SampleStream stream;
+  float weight;
+  double time;
+  Vec2f film, lens;
+  CameraRay ray;
+};
+inline PixelKey own_key(const FrameContext& context, int x, int y) {
+  return own_key(context.settings, context.frame, x, y);
+}
+/// Sample `index` of pixel (x, y) of the frame with the numbers of `key`.
+CameraSample camera_sample(const FrameContext& context, const PixelKey& key, int x, int y, int index);
+inline CameraSample camera_sample(const FrameContext& context, int x, int y, int index) {
+  return camera_sample(context, own_key(context, x, y), x, y, index);
+}
+
+/// A point where a path meets a surface. `bsdf` is empty until the path needs it.
+struct Vertex {
+  Hit hit;
+  ShadingPoint s;
+  const Shape* shape = nullptr;
+  Bsdf bsdf;
+  const Material& material() const { return *shape->material; }
+  void make_bsdf() { tempera::make_bsdf(material(), s, bsdf); }
+};
+
+/// Sets the texture footprint of a point that the camera sees: how far apart on the tangent plane the rays of
+/// neighbouring samples arrive, taking samples for evenly spread over the pixel [Igehy 1999; Pharr 2023, Sec. 10.1].
+void set_footprint(const FrameContext& context, const CameraSample& camera, const SurfacePoint& point, ShadingPoint& s);
+
+/// Fraction of light that reaches along `ray` through surfaces with opacity below 1; at most `edges_left` of them if
+/// masks count as edges.
+float transmittance(const FrameContext& context, Ray ray, int edges_left);
+
+/// Fraction of light that gets from `s` in unit direction `wi` to what is `distance` away (infinity: out of the scene).
+inline float visibility(const FrameContext& context, const ShadingPoint& s, const Vec3f& wi, float distance,
+                        int edges_left = kMaxVertices) {
+  Ray shadow{context.rays.offset_origin(s.p, s.ng, wi), wi, 0, kInfinity, s.time};
+  if (std::isfinite(distance)) {  // from where the ray really starts to just before its target
+    const Vec3f to_target = s.p + wi * distance - shadow.o;
+    const float d = length(to_target);
+    shadow.d = to_target * (1 / d);
+    shadow.tmax = d * (1 - 1e-4f);
+  }
+  if (context.rays.has_opacity()) return transmittance(context, shadow, edges_left);
+  return context.rays.occluded(shadow) ? 0.0f : 1.0f;
+}
+
+/// The number that decides whether a ray towards vertex `index` passes the k-th mask on its way: functions of these two
+/// alone, so that masks do not shift what other numbers mean.
+inline float mask_number(const SampleStream& stream, std::uint32_t index, int k) {
+  const float u = stream.vertex(index).opacity;
+  return k == 0 ? u : to_unit_float(std::uint32_t(mix64(std::bit_cast<std::uint32_t>(u) + (std::uint64_t(k) << 32))));
+}
+
+/// Moves the origin of `ray` past the surface that it meets at `point`.
+void pass_unseen(const FrameContext& context, Ray& ray, const SurfacePoint& point);
+
+/// What `ray` meets first; the origin moves past what the camera does not see, for rays that come straight from there.
+inline bool intersect_seen(const FrameContext& context, bool from_camera, Ray& ray, Hit& hit) {
+  for (int i = 0; context.rays.intersect(ray, hit); ++i) {
+    if (!from_camera || context.scene.instances[hit.point.instance].camera_visible) return true;
+    if (i == kMaxVertices) return false;
+    pass_unseen(context, ray, hit.point);
+  }
+  return false;
+}
+
+enum class EdgeEnd { kSurface, kEnvironment, kLost };
+
+/// Follows `ray` to the surface that stops it, vertex `index` of the path. `passed` counts the masks on the way,
+/// `pass_probability` is the probability of passing them. `camera`: set for rays that come straight from there.
+inline EdgeEnd follow(const FrameContext& context, const SampleStream& stream, std::uint32_t index, Ray& ray,
+                      const CameraSample* camera, Vertex& v, int& passed, float& pass_probability) {
+  passed = 0, pass_probability = 1;
+  for (; passed < kMaxVertices; ++passed) {
+    if (!intersect_seen(context, camera, ray, v.hit)) return EdgeEnd::kEnvironment;
+    new (&v.s) ShadingPoint(context.rays.shading_point(v.hit.point, ray.time, -ray.d));  // made in place, not copied
+    v.shape = &context.rays.shape(v.hit.point);
+    if (camera && v.material().needs_footprint()) set_footprint(context, *camera, v.hit.point, v.s);
+    if (!context.rays.has_opacity() || !v.material().has_opacity()) return EdgeEnd::kSurface;
+    const float opacity = v.material().opacity(v.s);
+    if (opacity >= 1 || mask_number(stream, index, passed) < opacity) return EdgeEnd::kSurface;
+    pass_probability *= 1 - opacity;  // no event: the path goes on as if nothing were there
+    ray.o = context.rays.offset_origin(v.s.p, v.s.ng, ray.d);
+    ray.tmin = 0;
+    ray.tmax = kInfinity;
+  }
+  return EdgeEnd::kLost;
+}
+
+/// What is left of light after the edge of length `d` that arrives at `v`, if it ran inside of an absorbing body.
+inline Rgb absorption(const Vertex& v, float d) {
+  if (!v.material().has_absorption() || dot(v.s.ng, v.s.wo) >= 0) return Rgb(1.0f);
+  return exp(v.material().absorption(v.s) * -d);
+}
+
+/// Collects radiance: the total, and the share of each class (the last entry: paths of no class).
+struct Tally {
+  const LightPathClassifier& classifier;
+  std::span<Rgb> classes;
+  Rgb total;
+  float clamp = 0;
+  void add(LightPathClassifier::State state, Rgb c, bool scattered) {
+    if (clamp > 0 && scattered) {
+      const float l = luminance(c);
+      if (l > clamp) c *= clamp / l;
+    }
+    total += c;
+    if (classes.empty()) return;
+    std::uint32_t members = classifier.classes(state);
+    if (members == 0) classes.back() += c;
+    for (; members; members &= members - 1) classes[std::size_t(std::countr_zero(members))] += c;
+  }
+};
+
+/// Groups the events of `f` by the state that they lead to and calls use(state, sum of the group) for each group that
+/// is not black, until it returns false.
+template <class Use>
+void for_each_state(const LightPathClassifier& classifier, LightPathClassifier::State from,
+                    const std::array<Rgb, kEventCount>& f, Use&& use) {
+  std::array<LightPathClassifier::State, kEventCount> next;
+  for (std::size_t e = 0; e < kEventCount; ++e) next[e] = classifier.next(from, Event(e));
+  for (std::size_t e = 0; e < kEventCount; ++e) {
+    if (std::find(next.begin(), next.begin() + e, next[e]) != next.begin() + e) continue;
+    Rgb share;
+    for (std::size_t k = e; k < kEventCount; ++k) {
+      if (next[k] == next[e]) share += f[k];
+    }
+    if (!is_black(share) && !use(next[e], share)) return;
+  }
+}
+
+/// The edge that a path has just been extended by, for observers.
+struct Extension {
+  const Vertex& from;
+  const BsdfSample& sample;  ///< at `from`
+  Rgb step;                  ///< f |cos| / (pdf q): what the throughput was multiplied by
+  float survival;            ///< q of Russian roulette at `from`; 1 before it starts
+  bool roulette;             ///< whether it had started
+  const Vertex* to;          ///< null: the environment
+  Rgb emitted;               ///< radiance that `to` sends back
+  float light_pdf;           ///< with which next-event estimation at `from` would have found `to`; 0: it could not
+  float pass_probability;    ///< probability of passing the masks on the way
+  std::uint32_t index;       ///< of `to` in the path
+  const Rgb& gathered;       ///< radiance that the path had found before it arrived at `to`
+};
+
+/// Sees nothing. An active observer has these three functions.
+struct NoObserver {
+  static constexpr bool kActive = false;
+  /// The camera ray arrived at `first` (null: in the environment), which sends `emitted`.
+  void start(const Vertex* /*first*/, const Rgb& /*emitted*/) {}
+  /// Light was sampled at a vertex: f with its density, and the fraction that gets there. Radiance and f may be black.
+  void next_event(const Vertex& /*at*/, const LightSample& /*light*/, const BsdfEval& /*f*/, float /*visible*/) {}
+  void extend(const Extension& /*edge*/) {}
+};
+
+/// Traces one path. `classes`: empty, or one entry for each class and one for paths of none.
+template <class Observer>
+SampleResult trace_path(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
+                        const Vec3f& view_axis, std::span<Rgb> classes, Features features, Observer& observer) {
+  const RayScene& rays = context.rays;
+  const LightSampler& lights = context.lights;
+  const LightPathClassifier& classifier = context.classifier;
+  SampleResult result;
+  Tally tally{classifier, classes, {}, options.clamp};
+
+  const double time = camera.time;
+  Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, time};
+  Rgb beta(1.0f);
+  float beta_roulette = 1;  // throughput before a class was chosen, so that roulette does not depend on the classes
+  float eta_product = 1;    // radiance scaling by refraction, taken out of roulette's decision
+  LightPathClassifier::State state = classifier.start();
+  float bsdf_pdf = 0;  // density of ray.d at the previous vertex
+  bool mis = false;    // whether next-event estimation could have found what this ray finds
+  Vec3f previous = ray.o;
+  bool seen_by_camera = true;
+  int edges = 1;
+
+  // An observer looks at both ends of an edge.
+  constexpr std::size_t kKept = Observer::kActive ? 2 : 1;
+  std::array<Vertex, kKept> vertices;
+  BsdfSample sampled;
+  Rgb step, gathered;
+  float survival = 1;
+  const auto observe = [&](std::uint32_t index, const Vertex* to, const Rgb& emitted, float light_pdf,
+                           float pass_probability) {
+    if constexpr (Observer::kActive) {
+      if (index == 0) {
+        observer.start(to, emitted);
+      } else {
+        observer.extend({vertices[(index - 1) % kKept], sampled, step, survival, edges > options.rr_depth, to, emitted,
+                         light_pdf, pass_probability, index, gathered});
+      }
+    }
+  };
+
+  for (std::uint32_t index = 0; edges <= options.max_depth; ++index) {
+    Vertex& v = vertices[index % kKept];
+    if constexpr (Observer::kActive) gathered = tally.total;
+    int passed = 0;
+    float pass_probability = 1;
+    const EdgeEnd end =
+        follow(context, camera.stream, index, ray, seen_by_camera ? &camera : nullptr, v, passed, pass_probability);
+    result.rays += std::uint32_t(passed) + 1;
+    if (end == EdgeEnd::kLost) break;
+    if (options.null_counts && (edges += passed) > options.max_depth) break;
+    if (end == EdgeEnd::kEnvironment) {
+      Rgb le;
+      float light_pdf = 0;
+      if (lights.has_environment() && !(options.hide_emitters && seen_by_camera)) {
+        le = lights.environment(ray.d, time, seen_by_camera);
+        if (!is_black(le)) {
+          if (mis) light_pdf = lights.environment_pdf(ray.d, time, previous);
+          tally.add(state, beta * le * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1);
+        }
+      }
+      observe(index, nullptr, le, light_pdf, pass_probability);
+      break;
+    }
+    if (v.material().has_absorption()) beta *= absorption(v, length(v.s.p - previous));
+
+    Rgb emitted;
+    float light_pdf = 0;
+    if (v.shape->emission) {
+      if (!(options.hide_emitters && seen_by_camera)) emitted = lights.emitted(v.hit.point, v.s);
+      if (mis && (Observer::kActive || !is_black(emitted))) {
+        light_pdf = lights.pdf(v.hit.point, v.s, previous, length(v.s.p - previous));
+      }
+      if (!is_black(emitted)) {
+        tally.add(state, beta * emitted * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1);
+      }
+    }
+
+    v.make_bsdf();
+    if (seen_by_camera) {
+      seen_by_camera = false;
+      result.alpha = 1;
+      if (features != Features::kNone) {
+        FirstHit& f = result.first;
+        f.valid = true;
+        f.instance = v.hit.point.instance;
+        // Normals that are bent where they face away belong to the side of the surface that is seen.
+        f.normal = dot(v.s.bends ? v.s.ng : v.s.frame.n, v.s.wo) < 0 ? -v.s.frame.n : v.s.frame.n;
+        f.position = v.s.p;
+        f.uv = v.s.uv;
+        f.emission = emitted;
+        f.depth = dot(v.s.p - camera.ray.o, view_axis);
+        if (features == Features::kAll) f.albedo = v.bsdf.albedo(v.s.wo);
+      }
+    }
+    observe(index, &v, emitted, light_pdf, pass_probability);
+    if (edges >= options.max_depth || v.bsdf.empty()) break;
+    const VertexNumbers u = camera.stream.vertex(index);
+
+    // Next-event estimation. [Zimmer 2015, Sec. 3]: each event's share goes to the class that it leads to.
+    const bool next_event = v.bsdf.has_non_delta() && !lights.empty();
+    if (next_event) {
+      const auto light = lights.sample(v.s.p, time, u.light_choice, u.light_point);
+      const bool shines = light && !is_black(light->radiance);
+      if (Observer::kActive ? light.has_value() : shines) {
+        const BsdfEval f = v.bsdf.eval(v.s.wo, light->wi);
+        const Rgb f_sum = f.sum();
+        const bool carries = shines && !is_black(f_sum);
+        if (Observer::kActive || carries) {
+          ++result.shadow_rays;
+          const float visible = visibility(context, v.s, light->wi, light->distance,
+                                           options.null_counts ? options.max_depth - edges - 1 : kMaxVertices);
+          if (visible > 0 && carries) {
+            const float w = light->delta ? 1.0f : power_heuristic(light->pdf, f.pdf);
+            const Rgb le = beta * light->radiance * (visible * w / light->pdf);
+            if (classes.empty()) {
+              tally.add(state, le * f_sum, true);
+            } else {
+              for_each_state(classifier, state, f.f_cos, [&](LightPathClassifier::State next, const Rgb& share) {
+                tally.add(next, le * share, true);
+                return true;
+              });
+            }
+          }
+          observer.next_event(v, *light, f, visible);
+        }
+      }
+    }
+
+    const auto sample = v.bsdf.sample(v.s.wo, u.lobe, u.direction);
+    if (!sample) break;
+    const Rgb total = sample->sum();
+    if (is_black(total)) break;
+    const float inv_pdf = 1 / sample->pdf;
+    const float eta2 = sample->transmitted ? sample->eta * sample->eta : 1.0f;
+    beta_roulette *= max_component(total) * inv_pdf;
+    eta_product *= eta2;
+    if (classes.empty()) {
+      beta *= total * inv_pdf;
+    } else {
+      // Events that lead to one state need no choice; between states, choose by luminance and divide. The number that
+      // chose the lobe is spent; a hash of it chooses the state.
+      const float u_state = to_unit_float(std::uint32_t(mix64(std::bit_cast<std::uint32_t>(u.lobe) + 0x5851f42dull)));
+      Rgb chosen;
+      float below = 0;
+      const LightPathClassifier::State from = state;
+      for_each_state(classifier, from, sample->f_cos, [&](LightPathClassifier::State next, const Rgb& share) {
+        const float p = luminance(share) / luminance(total);
+        if (!(p > 0)) return true;
+        chosen = p < 1 ? share * (1 / p) : share;
+        state = next;
+        below += p;
+        return u_state >= below;
+      });
+      beta *= chosen * inv_pdf;
+    }
+    mis = !sample->delta && next_event;
+    bsdf_pdf = sample->pdf;
+    previous = v.s.p;
+    ray.o = rays.offset_origin(v.s.p, v.s.ng, sample->wi);
+    ray.d = sample->wi;
+    ray.tmin = 0;
+    ray.tmax = kInfinity;
+    ++edges;
+
+    survival = 1;
+    if (edges > options.rr_depth) {
+      survival = std::min(beta_roulette * eta_product, kMaxContinue);
+      if (!(u.roulette < survival)) break;
+      beta *= 1 / survival;
+      beta_roulette /= survival;
+    }
+    if constexpr (Observer::kActive) {
+      sampled = *sample;
+      step = total * (inv_pdf / survival);
+    }
+  }
+  result.radiance = tally.total;
+  return result;
+}
+
+}  // namespace tempera

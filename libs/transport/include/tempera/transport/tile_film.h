@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// What the samples of a tile add up to, and the layers that are written from it.
+#include <span>
+#include <vector>
+
+#include "tempera/transport/path_tracer.h"
+#include "tempera/frames/cryptomatte.h"
+
+namespace tempera {
+
+/// Names of the layers that a TileFilm and write_motion (pixel_motion.h) can write, beside CryptoObject* and
+/// class.*.color.
+const std::vector<std::string>& film_layers();
+/// The descriptors of what `settings` asks for: color, the layers among `names` and film_layers(), cryptomatte,
+/// classes. Errors: Error{kUnknownName} for a layer that is not among them, naming `integrator`.
+std::vector<LayerDesc> film_outputs(const RenderSettings& settings, std::string_view integrator,
+                                    std::span<const std::string> more = {});
+
+/// Appends those of `more` that `list` lacks.
+void add_missing(std::vector<LayerDesc>& list, const std::vector<LayerDesc>& more);
+
+/// Variance of the mean of all samples of a pixel, from what its two independent halves add up to. With halves of m and
+/// n samples the square of the difference of their means is, in the mean, (m + n)^2 / (m n) times as large. The square
+/// of the mean, at least as large as the variance in the mean, if one half is empty; 0 if both are.
+Rgb variance_of_mean(const Rgb& sum_a, int count_a, const Rgb& sum_b, int count_b);
+
+/// Threads: one thread each.
+class TileFilm {
+ public:
+  /// Gathers what `out` has layers for, under names that begin with `prefix`.
+  TileFilm(const FrameContext& context, const Tile& tile, const Frame& out, std::string prefix = "");
+
+  /// What samples must tell of their first hit.
+  Features features() const { return features_; }
+  /// Room for the radiance of one sample by class, zero.
+  std::span<Rgb> sample_classes();
+  /// Adds sample `index` of pixel (x, y); the classes are those of sample_classes(). Returns false, and leaves the
+  /// sample out, if it is not finite.
+  bool add(int x, int y, int index, const CameraSample& camera, const SampleResult& sample);
+  /// Relative standard error of the mean luminance of pixel (x, y).
+  float relative_error(int x, int y) const { return pixels_[at(x, y)].relative_error(); }
+  void write(Frame& out) const;
+
+ private:
+  struct Pixel {
+    Rgb sum, sum_a, sum_b, squares;
+    float alpha = 0;
+    int count = 0, count_a = 0, count_b = 0;
+    Rgb albedo, emission;
+    Vec3f normal, position;
+    Vec2f uv;
+    float depth = 0;
+    int hits = 0;
+    double time = 0;
+    float relative_error() const;
+  };
+  std::size_t at(int x, int y) const {
+    return std::size_t(y - tile_.y0) * std::size_t(tile_.x1 - tile_.x0) + std::size_t(x - tile_.x0);
+  }
+  const RenderSettings& settings_;
+  Tile tile_;
+  std::string prefix_;
+  std::size_t class_count_;
+  std::vector<Pixel> pixels_;
+  std::vector<Rgb> class_sums_, sample_classes_;
+  bool cryptomatte_;
+  Features features_ = Features::kNone;
+  CryptomatteBuffer ids_;
+  std::vector<float> instance_ids_;
+};
+
+}  // namespace tempera
