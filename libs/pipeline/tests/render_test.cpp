@@ -44,7 +44,7 @@ class RenderSequence : public testing::Test {
     shot_.settings.width = 80, shot_.settings.height = 70;  // 3 x 3 tiles
     shot_.settings.spp = 2;
     shot_.settings.layers = {"color", "albedo", "motion.forward", "CryptoObject00"};
-    shot_.params = Params(find_integrator("path").params);
+    shot_.params = Params(find_method("path").params);
     shot_.frames = {1, 2, 3};
     shot_.output = (folder_ / "f.####.exr").string();
   }
@@ -57,7 +57,7 @@ class RenderSequence : public testing::Test {
     shot_.settings.spp = 16;
     shot_.settings.layers = {"color", "samples"};
     shot_.integrator = "temporal_gradient_path";
-    shot_.params = Params(find_integrator(shot_.integrator).params);
+    shot_.params = Params(find_method(shot_.integrator).params);
     shot_.params.set("adaptive", std::string("published"));
   }
   RenderReport render(bool resume = false, RenderObserver* observer = nullptr, const std::stop_token& stop = {}) {
@@ -354,7 +354,7 @@ TEST_F(RenderSequence, ReplaysSamplesOfEveryPass) {
   shot_.settings.layers = {"color"};
   shot_.settings.filter = PixelFilter(FilterKind::kBox);
   shot_.integrator = "temporal_gradient_path";
-  shot_.params = Params(find_integrator(shot_.integrator).params);
+  shot_.params = Params(find_method(shot_.integrator).params);
   shot_.params.set("subpixel_motion", false);
   const Frame f = render_frame(shot_, scene_, 1);
   const Image& source = f.layer("offset.source");
