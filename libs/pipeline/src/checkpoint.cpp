@@ -16,6 +16,51 @@ namespace {
 
 constexpr std::string_view kMagic = "tempera checkpoint 3\n";
 
+/// A hash of bytes that come in pieces, whatever the pieces are.
+class RunningHash {
+ public:
+  void add(const void* data, std::size_t n) {
+    const auto* bytes = static_cast<const char*>(data);
+    for (; n > 0 && filled_ > 0; --n) add_byte(*bytes++);
+    for (; n >= sizeof word_; n -= sizeof word_, bytes += sizeof word_) {
+      std::memcpy(&word_, bytes, sizeof word_);
+      hash_ = hash_key(hash_, word_);
+    }
+    for (; n > 0; --n) add_byte(*bytes++);
+  }
+  std::uint64_t value() const { return hash_key(hash_, filled_ > 0 ? word_ : 0, filled_); }
+
+ private:
+  void add_byte(char c) {
+    if (filled_ == 0) word_ = 0;
+    std::memcpy(reinterpret_cast<char*>(&word_) + filled_, &c, 1);
+    if (++filled_ < sizeof word_) return;
+    hash_ = hash_key(hash_, word_);
+    filled_ = 0;
+  }
+  std::uint64_t hash_ = 0, word_ = 0;
+  std::size_t filled_ = 0;
+};
+
+/// Whether the file ends with the hash of what it holds before that.
+bool is_whole(std::ifstream& stream) {
+  stream.seekg(0, std::ios::end);
+  auto left = std::int64_t(stream.tellg()) - std::int64_t(sizeof(std::uint64_t));
+  stream.seekg(0);
+  RunningHash hash;
+  std::vector<char> block(std::size_t(1) << 20);
+  while (left > 0) {
+    const auto n = std::size_t(std::min(left, std::int64_t(block.size())));
+    if (!stream.read(block.data(), std::streamsize(n))) return false;
+    hash.add(block.data(), n);
+    left -= std::int64_t(n);
+  }
+  std::uint64_t stored = 0;
+  const bool whole = left == 0 && stream.read(reinterpret_cast<char*>(&stored), sizeof stored) && stored == hash.value();
+  stream.seekg(0);
+  return whole;
+}
+
 }  // namespace
 
 std::string checkpoint_path(const std::string& frame_file) { return frame_file + ".partial"; }
@@ -60,16 +105,15 @@ void finish_metadata(Frame& picture, const Metadata& metadata, double seconds) {
 void save_checkpoint(const std::string& path, const SectionRecord& record, const Section& section) {
   TemporaryFile file(path);
   std::ofstream stream(file.path(), std::ios::binary);
-  std::uint64_t hash = 0;
+  RunningHash hash;
   ByteWriter out([&](const void* data, std::size_t n) {
-    hash = hash_bytes({static_cast<const char*>(data), n}, hash);
+    hash.add(data, n);
     stream.write(static_cast<const char*>(data), std::streamsize(n));
   });
   out.bytes(kMagic.data(), kMagic.size());
   record.save(out);
   section.save(out);
-  const std::uint64_t all = hash;
-  out.value(all);
+  out.value(hash.value());
   stream.close();
   if (!stream) throw Error(ErrorCode::kFailed, fmt::format("cannot write {}: {}", path, std::strerror(errno)));
   file.commit();
@@ -80,11 +124,9 @@ void read_checkpoint(const std::string& path,
   std::ifstream stream(path, std::ios::binary);
   if (!stream) throw Error(ErrorCode::kMissingFile, {path}, "cannot be opened");
   const auto damaged = [&] { return Error(ErrorCode::kBadInput, {path}, "it is damaged"); };
-  std::uint64_t hash = 0;
+  if (!is_whole(stream)) throw damaged();
   ByteReader in([&](void* data, std::size_t n) {
-    if (!stream.read(static_cast<char*>(data), std::streamsize(n))) return false;
-    hash = hash_bytes({static_cast<const char*>(data), n}, hash);
-    return true;
+    return bool(stream.read(static_cast<char*>(data), std::streamsize(n)));
   });
   std::string magic(kMagic.size(), ' ');
   try {
@@ -93,8 +135,6 @@ void read_checkpoint(const std::string& path,
     SectionRecord record;
     record.load(in);
     use(record, in);
-    const std::uint64_t expected = hash;
-    if (in.value<std::uint64_t>() != expected) throw damaged();
   } catch (const Error& e) {
     if (!e.loc().file.empty()) throw;
     throw Error(e.code(), {path}, e.message());

@@ -38,7 +38,7 @@ void finish_metadata(Frame& picture, const Metadata& metadata, double seconds);
 /// Errors: Error{kFailed}, as write_file. Threads: beside the units of the section.
 void save_checkpoint(const std::string& path, const SectionRecord& record, const Section& section);
 
-/// Calls `use` with the record and where the section follows; whether the file is whole shows after that.
+/// Calls `use` with the record and where the section follows, if the file is whole.
 /// Errors: Error{kMissingFile | kBadInput}, with its name.
 void read_checkpoint(const std::string& path,
                      const std::function<void(const SectionRecord& record, ByteReader& section)>& use);
