@@ -16,9 +16,6 @@ namespace {
 enum Side { kRight, kDown, kLeft, kUp };
 constexpr std::array<const char*, 4> kSides{"grad.right", "grad.down", "grad.left", "grad.up"};
 
-/// Streams of first batches that are not part of the picture: independent of all frames' own.
-constexpr std::int64_t kPilotStreams = std::int64_t(1) << 41;
-
 /// Which differences of a pixel there are. They need samples on both sides: none across the border of what is rendered.
 std::array<bool, 4> inside(const RenderSettings& s, int x, int y) {
   return {x + 1 < s.x1(), y + 1 < s.y1(), x > s.x0(), y > s.y0()};
@@ -262,7 +259,7 @@ bool GradientBatches::render(const FrameContext& context, const GradientOptions&
       if (stop.stop_requested()) return false;
       const std::size_t i = std::size_t(y - s.y0()) * std::size_t(s.x1() - s.x0()) + std::size_t(x - s.x0());
       PixelKey key = own_key(context, x, y);
-      if (batch == 0 && !plan_.keep_first) key.stream += kPilotStreams;
+      if (batch == 0 && !plan_.keep_first) key.stream = stream_number(StreamPurpose::kPilot, key.stream);
       film.sample(context, options, x, y, key, taken_[i], wanted_[i], counters);
     }
   }

@@ -19,8 +19,6 @@ namespace tempera {
 namespace {
 
 const std::string kOffset = "offset.";
-/// Streams of pixels that show what the frame before did not: independent of all frames' own.
-constexpr std::int64_t kFillStreams = std::int64_t(1) << 40;
 
 /// Samples of the base and of the offset pass. The offset pass has as many as the base pass of the frame before.
 int base_samples(const RenderSettings& s) { return s.spp - s.spp / 2; }
@@ -150,7 +148,7 @@ class TemporalGradientPath final : public Method {
         const int sx = from.x, sy = from.y;
         const bool replayed = sx >= 0;
         // What could not be seen before gets samples of its own: differences need samples on both sides.
-        PixelKey key{context.frame + kFillStreams, x, y};
+        PixelKey key{stream_number(StreamPurpose::kFill, context.frame), x, y};
         if (replayed) {
           key = {context.frame - 1, sx, sy};
           key.rotation_x = rotation(context.settings.filter, from.residue.x);
