@@ -10,12 +10,14 @@ namespace tempera {
 extern const MethodEntry path_entry;
 extern const MethodEntry gradient_path_entry;
 extern const MethodEntry temporal_gradient_path_entry;
+extern const MethodEntry light_path_entry;
 
 std::span<const MethodEntry* const> method_catalog() {
   static const MethodEntry* const entries[] = {
       &path_entry,
       &gradient_path_entry,
       &temporal_gradient_path_entry,
+      &light_path_entry,
   };
   return entries;
 }
