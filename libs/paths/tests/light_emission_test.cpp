@@ -117,15 +117,34 @@ std::vector<Kind> kinds() {
        },
        1.15 * rectangle_power},
       {"two_sided_rectangle", [=](Lights& l) { l.add(rectangle, 3, true); }, 2 * rectangle_power},
-      {"cube", [](Lights& l) { l.add(mesh(make_cube(), placed({0.5f, 0.3f, 0.4f}, {-0.5f, 1, 3})), 2); },
+      {"cube",
+       [](Lights& l) {
+         l.add(mesh(make_cube(), placed({0.5f, 0.3f, 0.4f}, {-0.5f, 1, 3})), 2);
+       },
        8 * (0.5 * 0.3 + 0.5 * 0.4 + 0.3 * 0.4) * 2 * kPiD},
-      {"sphere", [](Lights& l) { l.add(Sphere{placed({0.6f, 0.6f, 0.6f}, {0.2f, -0.5f, 2.5f})}, 2); },
+      {"sphere",
+       [](Lights& l) {
+         l.add(Sphere{placed({0.6f, 0.6f, 0.6f}, {0.2f, -0.5f, 2.5f})}, 2);
+       },
        4 * kPiD * 0.36 * 2 * kPiD},
-      {"inward_sphere", [](Lights& l) { l.add(Sphere{Affine3f(scale(Vec3f{2, 2, 2})), true}, 2); },
+      {"inward_sphere",
+       [](Lights& l) {
+         l.add(Sphere{Affine3f(scale(Vec3f{2, 2, 2})), true}, 2);
+       },
        4 * kPiD * 4 * 2 * kPiD},
-      {"ellipsoid", [](Lights& l) { l.add(Sphere{placed({0.9f, 0.2f, 0.4f}, {0.2f, -0.5f, 2.5f})}, 2); }},
-      {"disk", [](Lights& l) { l.add(Disk{placed({0.5f, 0.5f, 1}, {0.4f, 0.2f, 2})}, 5); }, kPiD * 0.25 * 5 * kPiD},
-      {"two_sided_ellipse", [](Lights& l) { l.add(Disk{placed({1, 0.3f, 1}, {0.4f, 0.2f, 2})}, 5, true); },
+      {"ellipsoid",
+       [](Lights& l) {
+         l.add(Sphere{placed({0.9f, 0.2f, 0.4f}, {0.2f, -0.5f, 2.5f})}, 2);
+       }},
+      {"disk",
+       [](Lights& l) {
+         l.add(Disk{placed({0.5f, 0.5f, 1}, {0.4f, 0.2f, 2})}, 5);
+       },
+       kPiD * 0.25 * 5 * kPiD},
+      {"two_sided_ellipse",
+       [](Lights& l) {
+         l.add(Disk{placed({1, 0.3f, 1}, {0.4f, 0.2f, 2})}, 5, true);
+       },
        2 * kPiD * 0.3 * 5 * kPiD},
       {"cylinder",
        [](Lights& l) {  // upright
