@@ -80,6 +80,68 @@ TEST(Shutter, WarpFollowsTheShape) {
   }
 }
 
+TEST(Shutter, DensityIsThatOfWarp) {
+  std::vector<Shutter> shutters(5);
+  shutters[1].shape = shutters[2].shape = ShutterShape::kTrapezoid;
+  shutters[2].ramp_in = 0.7, shutters[2].ramp_out = 0.6;  // more than there is: clamped
+  shutters[3].shape = shutters[4].shape = ShutterShape::kCurve;
+  shutters[3].curve = {0, 2, 0.5f, 0, 1};
+  for (const Shutter& s : shutters) {
+    // The integral up to warp(u) is u.
+    double integral = 0, x = 0;
+    for (int i = 1; i <= 1000; ++i) {
+      const double u = i / 1000.0, end = i == 1000 ? 1 : s.warp(u);
+      const int n = 200;
+      for (int k = 0; k < n; ++k) integral += s.density(x + (end - x) * (k + 0.5) / n) * (end - x) / n;
+      x = end;
+      ASSERT_NEAR(integral, u, 2e-5) << "shape " << int(s.shape) << " ramp " << s.ramp_in;
+    }
+    EXPECT_EQ(s.density(-0.01), 0);
+    EXPECT_EQ(s.density(1.01), 0);
+  }
+}
+
+// Overlapping, gapped and rolling shutters: every time of an exposure is found to be open and has a density, of which
+// the integral is 1.
+TEST(FrameClock, KnowsWhichFramesAreOpen) {
+  for (const double rolling : {0.0, 0.4, -0.4}) {
+    for (const double close : {0.5, 1.0, 2.6}) {
+      FrameClock clock{.fps = 25, .first = 101, .start = 7, .shutter = {}};
+      clock.shutter.open = -0.25, clock.shutter.close = close, clock.shutter.rolling = rolling;
+      for (const int frame : {-3, 101, 240}) {
+        for (const double v : {0.0, 0.3, 1.0}) {
+          for (const double u : {0.0, 0.1, 0.77, 0x1.fffffep-1}) {
+            const double t = clock.exposure_time(frame, u, v);
+            const auto open = clock.frames_open_at(t);
+            ASSERT_TRUE(open && open->contains(frame));
+            EXPECT_NEAR(clock.exposure_density(frame, t, v), 25 / (close + 0.25), 1e-9);
+            for (int f = open->first - 4; f <= open->last + 4; ++f) {
+              EXPECT_EQ(open->contains(f), clock.exposure(f).contains(t)) << f;
+              if (!open->contains(f)) {
+                EXPECT_EQ(clock.exposure_density(f, t, v), 0);
+              }
+            }
+          }
+          const TimeSpan span = clock.exposure(frame);
+          double integral = 0;
+          const int n = 20000;
+          for (int i = 0; i < n; ++i) {
+            integral +=
+                clock.exposure_density(frame, span.begin + span.length() * (i + 0.5) / n, v) * span.length() / n;
+          }
+          EXPECT_NEAR(integral, 1, 1e-3);
+        }
+      }
+      const double between = clock.time(120) + (close + 0.2) / 25;  // closed in every line, if there is a gap
+      EXPECT_EQ(clock.frames_open_at(between).has_value(), rolling != 0 || close > 0.5);
+    }
+  }
+  FrameClock instant;
+  instant.shutter.close = 0;
+  EXPECT_TRUE(instant.frames_open_at(instant.time(5)));
+  EXPECT_FALSE(instant.frames_open_at(instant.time(5) + 0.01));
+}
+
 TEST(Animated, InterpolatesAndClamps) {
   const Animated<float> linear({1, 3}, {10, 20}, Interpolation::kLinear);
   EXPECT_EQ(linear.at(0), 10);

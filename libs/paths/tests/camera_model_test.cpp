@@ -10,8 +10,10 @@
 #include <vector>
 
 #include "statistics.h"
+#include "support/effort.h"
 #include "tempera/core/error.h"
 #include "tempera/core/random.h"
+#include "tempera/paths/pixel_filter.h"
 
 namespace tempera {
 namespace {
@@ -188,6 +190,210 @@ TEST(CameraModel, ProjectionInvertsRays) {
       EXPECT_LT(errors[errors.size() * 99 / 100], 1e-4);
       EXPECT_LT(errors.back(), 4e-4);
     }
+  }
+}
+
+// The importance of the point where a camera ray ends knows that ray, and how densely rays arrive there: neighbouring
+// pixels are a known area apart. Exactly the measure of a light image.
+TEST(Importance, KnowsTheRayThatArrivesAndTheAreaOfAPixel) {
+  for (const Projection projection : {Projection::kPerspective, Projection::kOrthographic}) {
+    for (const float aperture : {0.0f, 0.3f}) {
+      Scene scene = restless_scene(projection, aperture);
+      scene.cameras[0].pixel_aspect = 1.5f;
+      const CameraModel m = model(scene);
+      std::vector<double> pixel_errors, area_errors;
+      for (std::uint64_t i = 0; i < 3000; ++i) {
+        const double t = random1(i, 0);
+        const Vec2f pixel{random1(i, 1) * kWidth, random1(i, 2) * kHeight}, lens{random1(i, 3), random1(i, 4)};
+        const float depth = 0.5f + 8 * random1(i, 5);
+        const auto at_depth = [&](const Vec2f& film) {
+          const CameraRay r = m.ray(film, lens, t);
+          return Vec3d(r.o) +
+                 Vec3d(r.d) * (double(depth - dot(r.o - m.position(t), m.axis(t))) / double(dot(r.d, m.axis(t))));
+        };
+        const CameraRay r = m.ray(pixel, lens, t);
+        const Vec3f p(at_depth(pixel));
+        const auto seen = m.importance(p, lens, t);
+        ASSERT_TRUE(seen);
+        pixel_errors.push_back(std::hypot(double(seen->pixel.x - pixel.x), double(seen->pixel.y - pixel.y)));
+        EXPECT_LT(length(seen->ray.d - r.d), 2e-5f);
+        EXPECT_LT(length(seen->ray.o + seen->ray.d * seen->distance - p), 2e-5f);
+        EXPECT_LT(length(seen->ray.o - r.o), 2e-5f);
+        EXPECT_NEAR(seen->ray.tmin, r.tmin, 1e-4f * r.tmin);
+        EXPECT_NEAR(seen->ray.tmax, r.tmax, 1e-4f * r.tmax);
+        // Planes of one depth are seen without distortion, so any step will do.
+        const Vec3d dx = (at_depth(pixel + Vec2f{50, 0}) - at_depth(pixel - Vec2f{50, 0})) / 100.0;
+        const Vec3d dy = (at_depth(pixel + Vec2f{0, 50}) - at_depth(pixel - Vec2f{0, 50})) / 100.0;
+        const double facing = std::abs(dot(cross(dx, dy), Vec3d(r.d)));
+        area_errors.push_back(std::abs(double(seen->we) * facing - 1));
+      }
+      std::sort(pixel_errors.begin(), pixel_errors.end());
+      std::sort(area_errors.begin(), area_errors.end());
+      EXPECT_LT(pixel_errors[pixel_errors.size() * 99 / 100], 3e-4);
+      EXPECT_LT(pixel_errors.back(), 3e-3);
+      EXPECT_LT(area_errors[area_errors.size() * 99 / 100], 2e-5);
+      EXPECT_LT(area_errors.back(), 2e-4);
+    }
+  }
+}
+
+// A pinhole's classic importance: distance^2 / (cos^3 x area of the film at distance 1) per solid angle.
+TEST(Importance, OfAPinholeIsTheClassicOne) {
+  Camera c;
+  c.fov_x = float(kPiD / 2);  // the picture is 2 wide at distance 1
+  const Scene scene = scene_with(c, Affine3d{});
+  const CameraModel m = model(scene);
+  const Vec3f p{0.6f, -0.3f, 2};
+  const auto seen = m.importance(p, {0.2f, 0.9f}, 0);
+  ASSERT_TRUE(seen);
+  const double d = double(length(p)), cosine = 2 / d, pixels_per_area = kWidth * kWidth / 4.0;
+  EXPECT_NEAR(seen->distance, d, 1e-6);
+  EXPECT_NEAR(seen->we, pixels_per_area / (cosine * cosine * cosine * d * d), 1e-5 * double(seen->we));
+  EXPECT_EQ(seen->ray.o, (Vec3f{0, 0, 0}));
+}
+
+TEST(Importance, EndsAtTheClippingPlanes) {
+  for (const Projection projection : {Projection::kPerspective, Projection::kOrthographic}) {
+    for (const float aperture : {0.0f, 0.2f}) {
+      Camera c;
+      c.projection = projection;
+      c.aperture_radius = aperture;
+      c.near_clip = 0.5f, c.far_clip = 4;
+      const Scene scene = scene_with(c, Affine3d{});
+      const CameraModel m = model(scene);
+      const auto sees = [&](float z) { return m.importance({0.01f, 0.02f, z}, {0.3f, 0.6f}, 0).has_value(); };
+      EXPECT_FALSE(sees(-1));
+      EXPECT_FALSE(sees(0));
+      EXPECT_FALSE(sees(0.49f));
+      EXPECT_TRUE(sees(0.51f));
+      EXPECT_TRUE(sees(3.99f));
+      EXPECT_FALSE(sees(4.01f));
+      EXPECT_FALSE(m.importance({1e5f, 0, 1}, {0.5f, 0.5f}, 0)) << "beyond all reach of the film";
+    }
+  }
+}
+
+/// A square of 2 x 2 m whose radiance is a function of place, in front of the camera, and its two pictures.
+struct Panel {
+  Vec3d center, x, y;  ///< world; the sides are 2 x and 2 y
+  double radiance(double u, double v) const { return 1 + 0.8 * std::sin(3 * u) * std::cos(2 * v + 1); }
+  Vec3d normal() const { return normalize(cross(x, y)); }
+};
+
+// A light image is the camera's image: the pixels of a bright panel from camera rays, and from points of the panel with
+// their importance, for every camera, filter and shutter.
+TEST(Importance, OfSurfacePointsMakesTheImageOfRays) {
+  struct View {
+    const char* name;
+    Projection projection = Projection::kPerspective;
+    float aperture = 0, pixel_aspect = 1;
+    Vec2f offset{};
+    bool moves = false;
+    FilterKind filter = FilterKind::kBox;
+    double rolling = 0;
+  };
+  const View views[] = {{.name = "pinhole"},
+                        {.name = "lens", .aperture = 0.2f, .filter = FilterKind::kTent},
+                        {.name = "orthographic", .projection = Projection::kOrthographic},
+                        {.name = "orthographic lens",
+                         .projection = Projection::kOrthographic,
+                         .aperture = 0.2f,
+                         .filter = FilterKind::kMitchell},
+                        {.name = "shifted", .offset = {0.2f, -0.1f}, .filter = FilterKind::kMitchell},
+                        {.name = "wide pixels", .pixel_aspect = 1.7f, .filter = FilterKind::kGaussian},
+                        {.name = "moving", .aperture = 0.1f, .moves = true},
+                        {.name = "rolling", .moves = true, .filter = FilterKind::kBlackmanHarris, .rolling = 0.6},
+                        {.name = "rolling upwards", .moves = true, .rolling = -0.6}};
+  constexpr int kX = 8, kY = 6;
+  for (const View& view : views) {
+    SCOPED_TRACE(view.name);
+    Camera c;
+    c.projection = view.projection;
+    c.fov_x = 0.9f;
+    c.width = 2.5f;
+    c.aperture_radius = view.aperture;
+    c.focus_distance = 2;
+    c.pixel_aspect = view.pixel_aspect;
+    c.principal_offset = view.offset;
+    AnimatedTransform pose = mitsuba_pose();
+    if (view.moves) {
+      pose = {};
+      pose.keyed = true;
+      pose.translation = {{0, 1}, {Vec3d{1, 2, 3}, Vec3d{1.5, 2.2, 2}}, Interpolation::kLinear};
+      pose.rotation = {
+          {0, 1},
+          {quaternion(mitsuba_pose()), quaternion(mitsuba_pose() * rotation(axis_angle<double>({0, 1, 0}, 0.4)))},
+          Interpolation::kLinear};
+    }
+    const Scene scene = scene_with(c, pose);
+    const CameraModel m(scene, 0, kX, kY, {0, 1}, kStep);
+    const Affine3d eye = mitsuba_pose();
+    const Panel panel{eye.translation + eye.z * 3.0 + eye.x * 0.2, eye.x + eye.z * 0.4, eye.y - eye.z * 0.3};
+    const PixelFilter filter(view.filter);
+    FrameClock clock{.fps = 2, .first = 0, .start = 0, .shutter = {}};
+    clock.shutter.shape = ShutterShape::kTrapezoid;
+    clock.shutter.close = 0.8;
+    clock.shutter.rolling = view.rolling;
+    const TimeSpan open = clock.exposure(0);
+
+    const int n = 4000 * test::effort();
+    const Vec3d normal = panel.normal();
+    const double area = 4 * length(cross(panel.x, panel.y));
+    std::vector<double> light_image(kX * kY), light_squares(kX * kY);
+    const int points = n * kX * kY / 4;
+    for (int i = 0; i < points; ++i) {
+      const auto k = std::uint64_t(i);
+      const double u = 2.0 * double(random1(k, 11)) - 1, v = 2.0 * double(random1(k, 12)) - 1;
+      const Vec3f p(panel.center + panel.x * u + panel.y * v);
+      const double t = open.begin + open.length() * double(random1(k, 13));
+      const auto seen = m.importance(p, {random1(k, 14), random1(k, 15)}, t);
+      if (!seen) continue;
+      const double weight =
+          clock.exposure_density(0, t, std::clamp(double(seen->pixel.y) / kY, 0.0, 1.0)) * open.length();
+      const double value =
+          weight * panel.radiance(u, v) * area * std::abs(dot(Vec3d(seen->ray.d), normal)) * double(seen->we);
+      for (int y = 0; y < kY; ++y) {
+        for (int x = 0; x < kX; ++x) {
+          const double add =
+              value * double(filter.density({seen->pixel.x - float(x) - 0.5f, seen->pixel.y - float(y) - 0.5f}));
+          light_image[std::size_t(y * kX + x)] += add / points;
+          light_squares[std::size_t(y * kX + x)] += add * add / points;
+        }
+      }
+    }
+    int bright = 0;
+    double chi2 = 0;
+    for (int y = 0; y < kY; ++y) {
+      for (int x = 0; x < kX; ++x) {
+        double mean = 0, squares = 0;
+        for (int i = 0; i < n; ++i) {
+          const auto k = std::uint64_t((y * kX + x) * n + i);
+          const auto s = filter.sample({random1(k, 1), random1(k, 2)});
+          const Vec2f film{float(x) + 0.5f + s.offset.x, float(y) + 0.5f + s.offset.y};
+          const double t = clock.exposure_time(0, double(random1(k, 3)), std::clamp(double(film.y) / kY, 0.0, 1.0));
+          const CameraRay r = m.ray(film, {random1(k, 4), random1(k, 5)}, t);
+          const Vec3d o(r.o), d(r.d);
+          const Vec3d hit = o + d * (dot(panel.center - o, normal) / dot(d, normal)) - panel.center;
+          const Vec3d local = inverse(Affine3d{panel.x, panel.y, normal}).vector(hit);
+          if (std::abs(local.x) > 1 || std::abs(local.y) > 1) continue;
+          const double value = double(s.weight) * panel.radiance(local.x, local.y);
+          mean += value / n, squares += value * value / n;
+        }
+        const auto i = std::size_t(y * kX + x);
+        const double variance =
+            (squares - mean * mean) / n + (light_squares[i] - light_image[i] * light_image[i]) / points;
+        // Few samples tell little about the foot of a filter: 1e-4 is dark.
+        const double z = (light_image[i] - mean) / std::sqrt(variance + 1e-8);
+        EXPECT_LT(std::abs(z), 4.6) << "pixel " << x << " " << y << ": " << light_image[i] << " instead of " << mean;
+        chi2 += z * z;
+        bright += mean > 0.1;
+        if (mean > 0.5) {
+          EXPECT_LT(std::sqrt(variance), 0.06 * mean) << "would not notice a quarter";
+        }
+      }
+    }
+    EXPECT_GT(bright, kX * kY / 3);
+    EXPECT_GT(test::chi_square_tail(chi2, kX * kY), 1e-4);
   }
 }
 

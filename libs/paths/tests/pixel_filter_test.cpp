@@ -149,6 +149,43 @@ TEST(PixelFilter, MapIsMonotoneAndSymmetric) {
   }
 }
 
+// What is splatted: integrates to 1 at any radius, is the profile up to a factor, negative lobes included, and adds up
+// to what samples estimate.
+TEST(PixelFilter, DensityIsTheNormalizedProfile) {
+  for (const FilterKind kind : kKinds) {
+    for (const float radius : {0.0f, 0.3f, 3.0f}) {
+      const PixelFilter f(kind, radius);
+      const double r = double(f.radius());
+      const int n = 400;
+      double sum = 0, second = 0;
+      for (int j = 0; j < n; ++j) {
+        for (int i = 0; i < n; ++i) {
+          const double x = -r + 2 * r * (i + 0.5) / n, y = -r + 2 * r * (j + 0.5) / n;
+          const double value = double(f.density({float(x), float(y)})) * 4 * r * r / (n * n);
+          sum += value, second += value * (x * x + 0.3 * y * y);
+        }
+      }
+      EXPECT_NEAR(sum, 1, 2e-4) << filter_name(kind);
+      std::vector<double> estimates;
+      for (std::uint64_t i = 0; i < 20000; ++i) {
+        const auto s = f.sample(random2(i));
+        const double x = double(s.offset.x), y = double(s.offset.y);
+        estimates.push_back(double(s.weight) * (x * x + 0.3 * y * y));
+      }
+      EXPECT_TRUE(test::MeanIs(second, estimates)) << filter_name(kind);
+      const float inside = 0.2f * f.radius(), outside = 0.8f * f.radius();
+      EXPECT_NEAR(f.density({outside, inside}) / f.density({inside, inside}), f.evaluate(outside) / f.evaluate(inside),
+                  1e-6f);
+      EXPECT_EQ(f.density({outside, 0}) < 0, kind == FilterKind::kMitchell);
+      EXPECT_EQ(f.density({0, 1.001f * f.radius()}), 0);
+    }
+  }
+  // Every place is in one pixel's box.
+  const PixelFilter box;
+  EXPECT_EQ(box.density({-0.5f, 0}), 1);
+  EXPECT_EQ(box.density({0.5f, 0}), 0);
+}
+
 TEST(PixelFilter, NamesAndErrors) {
   for (const FilterKind kind : kKinds) EXPECT_EQ(parse_filter(filter_name(kind)), kind);
   try {

@@ -6,6 +6,7 @@
 #include <bit>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <set>
 #include <vector>
 
@@ -210,6 +211,79 @@ TEST(SampleStream, AccessorsAgree) {
       }
     }
   }
+}
+
+// Numbers of a light subpath are its own: no coordinate is shared with the camera's, and they are as well distributed,
+// each and against the camera's.
+TEST(SampleStream, LightSubpathsHaveTheirOwnNumbers) {
+  std::set<std::uint32_t> coordinates;
+  std::size_t count = 0;
+  const auto take = [&](std::uint32_t c) { coordinates.insert(c), ++count; };
+  for (const auto d : {CameraDim::kPixel, CameraDim::kLens, CameraDim::kTime, CameraDim::kSpare}) take(coordinate(d));
+  for (const auto d : {LightDim::kPosition, LightDim::kDirection, LightDim::kChoice, LightDim::kTime})
+    take(coordinate(d));
+  for (std::uint32_t b = 0; b < 5000; ++b) {
+    for (const Subpath s : {Subpath::kCamera, Subpath::kLight}) {
+      for (const auto d : {VertexDim::kDirection, VertexDim::kLightPoint, VertexDim::kLobe, VertexDim::kLightChoice,
+                           VertexDim::kRoulette, VertexDim::kOpacity}) {
+        take(coordinate(b, d, s));
+      }
+    }
+  }
+  EXPECT_EQ(coordinates.size(), count);
+
+  for (const SamplerKind kind : kKinds) {
+    const SampleStream s = stream(kind, 17, 6);
+    const LightNumbers u = s.light();
+    EXPECT_EQ(u.choice, s.get1(coordinate(LightDim::kChoice)));
+    EXPECT_EQ(u.position, s.get2(coordinate(LightDim::kPosition)));
+    EXPECT_EQ(u.direction, s.get2(coordinate(LightDim::kDirection)));
+    EXPECT_EQ(u.time, s.get1(coordinate(LightDim::kTime)));
+    const VertexNumbers v = s.vertex(3, Subpath::kLight);
+    EXPECT_EQ(v.direction, s.get2(coordinate(3, VertexDim::kDirection, Subpath::kLight)));
+    EXPECT_EQ(v.opacity, s.get1(coordinate(3, VertexDim::kOpacity, Subpath::kLight)));
+
+    const auto uncorrelated = [&](const char* what,
+                                  const std::function<std::pair<float, float>(const SampleStream&)>& pick) {
+      std::vector<double> x, y, joint(8 * 8), expected(8 * 8, 20000.0 / 64);
+      for (int p = 0; p < 20000; ++p) {
+        const auto [a, b] = pick(stream(kind, p, 5));
+        x.push_back(double(a)), y.push_back(double(b));
+        ++joint[std::size_t(a * 8) * 8 + std::size_t(b * 8)];
+      }
+      EXPECT_TRUE(Uncorrelated(x, y)) << int(kind) << " " << what;
+      EXPECT_TRUE(CountsFit(expected, joint)) << int(kind) << " " << what;
+    };
+    using S = const SampleStream&;
+    uncorrelated("choice and time", [](S n) { return std::pair{n.light().choice, n.light().time}; });
+    uncorrelated("position and direction", [](S n) { return std::pair{n.light().position.x, n.light().direction.x}; });
+    uncorrelated("both ends", [](S n) { return std::pair{n.light().position.x, n.camera().pixel.x}; });
+    uncorrelated("first vertices", [](S n) {
+      return std::pair{n.vertex(0).direction.x, n.vertex(0, Subpath::kLight).direction.x};
+    });
+  }
+  // Light paths that count on at one address are a net.
+  std::vector<int> cells(256), once(256, 1);
+  for (std::uint32_t i = 0; i < 256; ++i) {
+    const Vec2f u = stream(SamplerKind::kSobol, 0, 2 * i).light().direction;
+    ++cells[std::size_t(u.x * 16) * 16 + std::size_t(u.y * 16)];
+  }
+  EXPECT_EQ(cells, once);
+}
+
+// Stored pictures rely on the numbers that purposes had before they had names.
+TEST(SampleStream, PurposesKeepFramesApart) {
+  EXPECT_EQ(stream_number(StreamPurpose::kPicture, -7), -7);
+  EXPECT_EQ(stream_number(StreamPurpose::kFill, 3), (std::int64_t(1) << 40) + 3);
+  EXPECT_EQ(stream_number(StreamPurpose::kPilot, 3), (std::int64_t(1) << 41) + 3);
+  std::set<std::int64_t> numbers;
+  constexpr std::int64_t kLast = std::numeric_limits<int>::max();
+  for (const auto p : {StreamPurpose::kPicture, StreamPurpose::kFill, StreamPurpose::kPilot, StreamPurpose::kLight}) {
+    for (const std::int64_t frame : {-kLast, std::int64_t(0), std::int64_t(1), kLast}) {
+      numbers.insert(stream_number(p, frame));
+    }
+  }
+  EXPECT_EQ(numbers.size(), 16u);
 }
 
 TEST(SampleStream, SobolIntegratesSmoothFunctionsTenTimesBetter) {
