@@ -106,7 +106,8 @@ TEST_P(PinnedBits, ArePictures) {
   mean /= double(color.values().size());
   const std::uint64_t bits = bits_of(frame);
   EXPECT_NEAR(mean, pin.mean, 1e-3 * pin.mean);
-  if (kBitsHold) EXPECT_EQ(bits, pin.bits) << fmt::format("{} is now 0x{:016x}, mean {:.7g}", pin.name, bits, mean);
+  if (!kBitsHold) return;
+  EXPECT_EQ(bits, pin.bits) << fmt::format("{} is now 0x{:016x}, mean {:.7g}", pin.name, bits, mean);
 }
 
 INSTANTIATE_TEST_SUITE_P(Scenes, PinnedBits, testing::ValuesIn(pins()),

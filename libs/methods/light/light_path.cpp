@@ -230,27 +230,10 @@ class LightPath final : public Method {
 
       shadow_rays += connect(context, v, wl, beta / cos_g, lens, t, arrive);
 
-      // Light paths scatter by the normals as they are: bending them depends on the viewer, who is not known yet.
-      const bool bends = v.s.bends;
-      v.s.bends = false;
-      v.make_bsdf();
-      v.s.bends = bends;
-      const VertexNumbers u = stream.vertex(k, Subpath::kLight);
-      const auto sample = v.bsdf.sample(wl, u.lobe, u.direction);
-      if (!sample) break;
-      const Vec3f wc = sample->wi;
-      Rgb step;
-      if (sample->delta) {
-        // Flux is conserved where radiance is compressed by refraction. [Veach 1997, Eq. 5.14] Of a shading normal:
-        // [Veach 1997, Eq. 5.19].
-        const float eta2 = sample->transmitted ? sample->eta * sample->eta : 1.0f;
-        const Basis& shading = v.bsdf.frame(sample->lobe);
-        const float correction = std::abs(dot(shading.n, wl) * dot(v.s.ng, wc)) /
-                                 std::max(std::abs(dot(shading.n, wc)), 1e-7f) / cos_g;
-        step = sample->sum() * (eta2 * correction / sample->pdf);
-      } else {
-        step = towards(v, wc).eval(wc, wl).sum() * (std::abs(dot(v.s.ng, wc)) / (cos_g * sample->pdf));
-      }
+      const auto scattered = scatter(v, wl, stream.vertex(k, Subpath::kLight));
+      if (!scattered) break;
+      const Vec3f wc = scattered->wc;
+      const Rgb step = scattered->step / cos_g;
       if (is_black(step)) break;
       beta *= step;
       beta_roulette *= max_component(step);
@@ -258,13 +241,50 @@ class LightPath final : public Method {
       ray = {rays.offset_origin(v.s.p, v.s.ng, wc), wc, 0, kInfinity, t};
       if (int(k) + 2 > options_.rr_depth) {
         const float survival = std::min(beta_roulette, kMaxContinue);
-        if (!(u.roulette < survival)) break;
+        if (!(stream.vertex(k, Subpath::kLight).roulette < survival)) break;
         beta *= 1 / survival;
         beta_roulette /= survival;
       }
     }
     counters.rays += traced;
     counters.shadow_rays += shadow_rays;
+  }
+
+  struct Scattered {
+    Vec3f wc;
+    Rgb step;  ///< of the flux, but for the cosine of its arrival with the geometric normal
+  };
+  /// Where light from wl goes on.
+  static std::optional<Scattered> scatter(Vertex& v, const Vec3f& wl, const VertexNumbers& u) {
+    // Bending normals depends on the viewer, who is not known yet: directions are drawn by normals as they are, and some
+    // from everywhere, as a bent surface may scatter where an unbent one does not.
+    const bool bends = v.s.bends;
+    const float from_everywhere = bends ? 0.1f : 0.0f;
+    v.s.bends = false;
+    v.make_bsdf();
+    v.s.bends = bends;
+    BsdfSample sample;
+    if (u.lobe < from_everywhere) {
+      if (!v.bsdf.has_non_delta()) return std::nullopt;
+      const float z = 1 - 2 * u.direction.y, r = std::sqrt(std::max(0.0f, 1 - z * z)), phi = 2 * kPi * u.direction.x;
+      sample.wi = {r * std::cos(phi), r * std::sin(phi), z};
+      sample.pdf = v.bsdf.eval(wl, sample.wi).pdf;
+    } else {
+      const auto drawn = v.bsdf.sample(wl, (u.lobe - from_everywhere) / (1 - from_everywhere), u.direction);
+      if (!drawn) return std::nullopt;
+      sample = *drawn;
+    }
+    const Vec3f wc = sample.wi;
+    if (!sample.delta) {
+      const float pdf = (1 - from_everywhere) * sample.pdf + from_everywhere * (0.25f * kInvPi);
+      return Scattered{wc, towards(v, wc).eval(wc, wl).sum() * (std::abs(dot(v.s.ng, wc)) / pdf)};
+    }
+    // Flux is conserved where radiance is compressed by refraction [Veach 1997, Eq. 5.14]; a shading normal changes it
+    // [Veach 1997, Eq. 5.19].
+    const float eta2 = sample.transmitted ? sample.eta * sample.eta : 1.0f;
+    const Vec3f n = v.bsdf.frame(sample.lobe).n;
+    const float correction = std::abs(dot(n, wl) * dot(v.s.ng, wc)) / std::max(std::abs(dot(n, wc)), 1e-7f);
+    return Scattered{wc, sample.sum() * (eta2 * correction / ((1 - from_everywhere) * sample.pdf))};
   }
 
   /// The BSDF as a path from the camera meets it, seen from wc.

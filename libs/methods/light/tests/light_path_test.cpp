@@ -15,18 +15,16 @@ struct Estimate {
   std::vector<double> mean, variance;
 };
 
-Estimate estimate(TestShot shot, int frame, const std::vector<std::string>& layers) {
+/// `render(seed)` gives the sum of the layers to look at.
+Estimate estimate(const std::function<Image(int seed)>& render) {
   std::vector<std::vector<double>> runs;
   for (int seed = 1; seed <= kSeeds; ++seed) {
-    shot.settings.seed = std::uint64_t(seed);
-    const Frame picture = shot.render(frame);
+    const Image image = render(seed);
     std::vector<double>& blocks = runs.emplace_back();
-    for (int y = 0; y + 4 <= picture.height(); y += 4) {
-      for (int x = 0; x + 4 <= picture.width(); x += 4) {
+    for (int y = 0; y + 4 <= image.height(); y += 4) {
+      for (int x = 0; x + 4 <= image.width(); x += 4) {
         double sum = 0;
-        for (int i = 0; i < 16; ++i) {
-          for (const std::string& layer : layers) sum += luminance(picture.layer(layer).rgb(x + i % 4, y + i / 4));
-        }
+        for (int i = 0; i < 16; ++i) sum += luminance(image.rgb(x + i % 4, y + i / 4));
         blocks.push_back(sum / 16);
       }
     }
@@ -40,6 +38,21 @@ Estimate estimate(TestShot shot, int frame, const std::vector<std::string>& laye
     e.variance.push_back(squares / (kSeeds * (kSeeds - 1)));
   }
   return e;
+}
+
+Estimate estimate(TestShot shot, int frame, const std::vector<std::string>& layers) {
+  return estimate([&](int seed) {
+    shot.settings.seed = std::uint64_t(seed);
+    const Frame picture = shot.render(frame);
+    Image sum(picture.width(), picture.height(), 3);
+    for (const std::string& layer : layers) {
+      const Image& image = picture.layer(layer);
+      for (int y = 0; y < sum.height(); ++y) {
+        for (int x = 0; x < sum.width(); ++x) sum.set_rgb(x, y, sum.rgb(x, y) + image.rgb(x, y));
+      }
+    }
+    return sum;
+  });
 }
 
 /// Whether both estimate the same: each block by Welch's t, of which none of all may be unlikelier than `alpha` together,
@@ -63,12 +76,17 @@ testing::AssertionResult agree(const Estimate& a, const Estimate& b, double alph
 
 MaterialPtr rough_metal() {
   ConductorParams p;
-  p.alpha_u = p.alpha_v = 0.3f;
+  p.roughness = {true, Microfacets::kGgx, 0.3f, 0.3f, true};
   return make_conductor(p);
+}
+MaterialPtr rough_plastic() {
+  PlasticParams p;
+  p.roughness = {true, Microfacets::kGgx, 0.3f, 0.3f, true};
+  return make_plastic(p);
 }
 MaterialPtr rough_glass() {
   DielectricParams p;
-  p.alpha_u = p.alpha_v = 0.4f;
+  p.roughness = {true, Microfacets::kGgx, 0.4f, 0.4f, true};
   return make_dielectric(p);
 }
 
@@ -96,7 +114,7 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"area", [] { return BoxShot(kWhite, make_diffuse(0.5f)).area_light(); }},
         Case{"spot", [] { return BoxShot(kWhite, rough_metal()).lamp(LightType::kSpot); }},
         Case{"point_and_sky", [] { return BoxShot(rough_metal(), kWhite).lamp(LightType::kPoint).sky(); }},
-        Case{"directional", [] { return BoxShot(kWhite, make_plastic({})).lamp(LightType::kDirectional); }},
+        Case{"directional", [] { return BoxShot(kWhite, rough_plastic()).lamp(LightType::kDirectional); }},
         Case{"rough_glass", [] { return BoxShot(kWhite, rough_glass()).area_light(); }},
         Case{"coarse_ball", [] { return BoxShot(kWhite, nullptr).coarse(make_diffuse(0.6f)).area_light(); }},
         Case{"mask", [] { return BoxShot(make_mask(0.4f, kWhite), make_mask(0.5f, rough_metal())).area_light().sky(); }},
@@ -191,31 +209,13 @@ TEST_F(LightSections, FramesThatShareLightPathsAgreeWithPath) {
   EXPECT_EQ(method->section(shot.settings, {0, 9}, 9), (FrameRange{8, 9}));
   BoxShot reference = moving_box();
   reference.settings.spp = 64;
-  std::vector<std::vector<Frame>> seeds;
   const Estimate expected = estimate(reference, 2, {"color"});
-  Estimate e;
-  std::vector<std::vector<double>> runs;
-  for (int seed = 1; seed <= kSeeds; ++seed) {
+  const Estimate e = estimate([&](int seed) {
     shot.settings.seed = std::uint64_t(seed);
     const auto section = make({2});
     run(*section);
-    const Image image = color(*section, 2);
-    std::vector<double>& blocks = runs.emplace_back();
-    for (int y = 0; y + 4 <= image.height(); y += 4) {
-      for (int x = 0; x + 4 <= image.width(); x += 4) {
-        double sum = 0;
-        for (int i = 0; i < 16; ++i) sum += luminance(image.rgb(x + i % 4, y + i / 4));
-        blocks.push_back(sum / 16);
-      }
-    }
-  }
-  for (std::size_t b = 0; b < runs[0].size(); ++b) {
-    double mean = 0, squares = 0;
-    for (const auto& r : runs) mean += r[b] / kSeeds;
-    for (const auto& r : runs) squares += sqr(r[b] - mean);
-    e.mean.push_back(mean);
-    e.variance.push_back(squares / (kSeeds * (kSeeds - 1)));
-  }
+    return color(*section, 2);
+  });
   EXPECT_TRUE(agree(e, expected));
 }
 
