@@ -19,15 +19,22 @@ struct UnitHit {
 /// First intersection with tmin < t < tmax of o + t d, or nothing. Solved in double: callers hold float rays.
 std::optional<UnitHit> intersect(Kind kind, const Vec3d& o, const Vec3d& d, double tmin, double tmax);
 
+/// Where the line o + t d crosses the whole plane, sphere or infinite cylinder that the shape lies on, nearest to t =
+/// `near`, with t, u and v exact to double rounding; or nothing.
+struct LineHit {
+  double t = 0, u = 0, v = 0;
+};
+std::optional<LineHit> cross_line(Kind kind, const Vec3d& o, const Vec3d& d, double near);
+
 /// Position, outward unit normal and derivatives at (u, v), all in unit space. Near the poles of the sphere (and the
 /// center of the disk) the derivatives with respect to the angle vanish.
+template <class T>
 struct UnitPoint {
-  Vec3f p, n, dpdu, dpdv, dndu, dndv;
+  Vec3<T> p, n, dpdu, dpdv, dndu, dndv;
 };
-UnitPoint evaluate(Kind kind, float u, float v);
+UnitPoint<double> evaluate(Kind kind, double u, double v);
+UnitPoint<float> evaluate(Kind kind, float u, float v);
 
-/// (u, v) of a point on the unit shape.
-Vec2f parametrize(Kind kind, const Vec3f& p);
 /// Box around the unit shape.
 Bounds3f unit_bounds(Kind kind);
 /// Area of the unit shape.

@@ -84,8 +84,14 @@ struct RayScene::Impl {
   Triangle triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
   Triangle blended_triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
   Triangle knot_triangle(const PlacedShape& placed, std::uint32_t primitive, std::size_t knot) const;
-  /// Position of a point of an instanced shape in the instance's space.
-  Vec3f object_position(const PlacedShape& placed, const SurfacePoint& point) const;
+  /// The same in double with its derivatives by time (per second); normals are of unit length for deforming meshes only.
+  struct MovingTriangle {
+    Vec3d p[3], n[3], dpdt[3], dndt[3];
+    bool smooth = false;
+  };
+  MovingTriangle moving_triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
+  /// Map of an instance at time t in double, and its derivative (per second).
+  MovingAffine moving_world(std::uint32_t instance, double t) const;
   /// Whether the triangles of a mesh show their backs at time t, because its place is mirrored.
   bool mirrored(const PlacedShape& placed, double t) const;
 };

@@ -66,15 +66,6 @@ bool RayScene::Impl::mirrored(const PlacedShape& p, double t) const {
   return Affine3f{lerp(a.x, b.x, blend), lerp(a.y, b.y, blend), lerp(a.z, b.z, blend)}.determinant() < 0;
 }
 
-Vec3f RayScene::Impl::object_position(const PlacedShape& p, const SurfacePoint& point) const {
-  if (!p.mesh) {
-    return p.analytic.object_from_unit.point(analytic::evaluate(p.analytic.kind, point.u, point.v).p);
-  }
-  const std::uint32_t* v = &p.mesh->indices[3 * std::size_t(point.primitive)];
-  const Vec3f* at = p.knots[0].positions;
-  return at[v[0]] * (1 - point.u - point.v) + at[v[1]] * point.u + at[v[2]] * point.v;
-}
-
 namespace {
 
 /// Derivatives of functions that are linear over a triangle (values at its corners) with respect to its uv coordinates.
@@ -156,7 +147,7 @@ ShadingPoint RayScene::shading_point(const SurfacePoint& point, double t, const 
     }
     flip = mesh.flip_normals;
   } else {
-    const analytic::UnitPoint unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
+    const analytic::UnitPoint<float> unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
     const Affine3f& m = placed.analytic.object_from_unit;
     r.p = m.point(unit.p);
     r.uv = r.uv1 = {point.u, point.v};
@@ -217,7 +208,7 @@ SurfaceDerivatives RayScene::derivatives(const SurfacePoint& point, double t) co
     }
     flip = placed.mesh->flip_normals;
   } else {
-    const analytic::UnitPoint unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
+    const analytic::UnitPoint<float> unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
     const Affine3f& m = placed.analytic.object_from_unit;
     const Affine3f& inv = placed.unit_from_object;
     r = {m.vector(unit.dpdu), m.vector(unit.dpdv), inv.transposed_vector(unit.dndu), inv.transposed_vector(unit.dndv)};
@@ -249,7 +240,7 @@ Vec3f RayScene::position(const SurfacePoint& point, double t, Vec3f* ng) const {
     if (ng) n = cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]);
     flip = placed.mesh->flip_normals != s.mirrored(placed, t);
   } else {
-    const analytic::UnitPoint unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
+    const analytic::UnitPoint<float> unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
     p = placed.analytic.object_from_unit.point(unit.p);
     n = placed.unit_from_object.transposed_vector(unit.n);
     flip = placed.analytic.flip;
@@ -261,52 +252,6 @@ Vec3f RayScene::position(const SurfacePoint& point, double t, Vec3f* ng) const {
   }
   if (ng) *ng = normalize(flip ? -n : n);
   return p;
-}
-
-SurfaceMotion RayScene::motion(const SurfacePoint& point, double t) const {
-  const Impl& s = *impl_;
-  const PlacedShape& placed = s.find(point.instance, point.shape);
-  const ShadingPoint here = shading_point(point, t, {0, 0, 1});
-  SurfaceMotion m{here.p, here.frame.n, {}, {}};
-  const auto [knot, blend] = s.locate(t);
-  const std::size_t next = std::min(knot + 1, s.pieces.knots().size() - 1);
-  const float rate = float(1 / s.pieces.grid().step);
-  const auto unit_rate = [](const Vec3f& n, float l, const Vec3f& dn) { return (dn - n * dot(n, dn)) * (1 / l); };
-  if (placed.placement == Placement::kDeforming) {
-    const Impl::Triangle a = s.knot_triangle(placed, point.primitive, knot);
-    const Impl::Triangle b = s.knot_triangle(placed, point.primitive, next);
-    const float w[3] = {1 - point.u - point.v, point.u, point.v};
-    Vec3f n, dn;
-    for (int c = 0; c < 3; ++c) {
-      m.dpdt += (b.p[c] - a.p[c]) * (w[c] * rate);
-      if (!a.smooth) continue;
-      const Vec3f nc = lerp(a.n[c], b.n[c], blend), dc = (b.n[c] - a.n[c]) * rate;
-      const float l = length(nc);
-      n += nc * (w[c] / l);
-      dn += unit_rate(nc * (1 / l), l, dc) * w[c];
-    }
-    if (!a.smooth) {
-      const Vec3f e1 = lerp(a.p[1], b.p[1], blend) - lerp(a.p[0], b.p[0], blend);
-      const Vec3f e2 = lerp(a.p[2], b.p[2], blend) - lerp(a.p[0], b.p[0], blend);
-      const Vec3f d1 = ((b.p[1] - a.p[1]) - (b.p[0] - a.p[0])) * rate,
-                  d2 = ((b.p[2] - a.p[2]) - (b.p[0] - a.p[0])) * rate;
-      n = cross(e1, e2);
-      dn = cross(d1, e2) + cross(e1, d2);
-    }
-    const bool flip = placed.mesh->flip_normals != (s.mirrored(placed, t) && !a.smooth);
-    const float l = length(n), sign = flip ? -1.0f : 1.0f;
-    m.dndt = unit_rate(n * (1 / l), l, dn) * sign;
-  } else if (placed.placement == Placement::kInstanced && s.motions[point.instance].moves) {
-    const Impl::InstanceMotion& im = s.motions[point.instance];
-    const Affine3f w = interpolate(im.knots[knot], im.knots[next], blend);
-    const Affine3f dw = interpolate_derivative(im.knots[knot], im.knots[next], blend);
-    const Affine3f inv = inverse(w);
-    m.dpdt = dw.point(s.object_position(placed, point)) * rate;
-    // d(M^-T n) = -M^-T dM^T M^-T n
-    const Vec3f dn = -inv.transposed_vector(dw.transposed_vector(here.frame.n)) * rate;
-    if (is_finite(dn)) m.dndt = unit_rate(here.frame.n, 1, dn);  // else it is flat, and turns with its plane at most
-  }
-  return m;
 }
 
 float RayScene::triangle_area(std::uint32_t instance, std::uint32_t shape, std::uint32_t primitive, double t) const {

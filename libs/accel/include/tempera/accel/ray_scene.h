@@ -41,10 +41,20 @@ struct Hit {
   float t = 0;
 };
 
-/// How a surface point moves and curves: world space, per second.
-struct SurfaceMotion {
-  Vec3f p, n;        ///< position and unit shading normal
-  Vec3f dpdt, dndt;  ///< with the material coordinates held fixed
+/// A surface to first order around one of its points, in world space: by its parameters u, v (as in SurfacePoint) and by
+/// time, per second, with u and v held fixed.
+struct SurfaceFrame {
+  Vec3d p;           ///< position
+  Vec3d ng, n;       ///< unit geometric and shading normals: equal where a surface has one of them alone
+  Vec3d dpdu, dpdv;  ///< zero by the angle at the poles of a sphere and the center of a disk
+  Vec3d dndu, dndv;
+  Vec3d dpdt, dndt, dngdt;
+};
+
+/// Where a ray crosses a primitive: its parameters, and the distance in units of the length of the ray's direction.
+struct PrimitiveHit {
+  double u = 0, v = 0;
+  double distance = 0;
 };
 
 /// How position and unit shading normal of a surface change with its texture coordinates: world space, per unit uv.
@@ -101,7 +111,17 @@ class RayScene {
   /// World position alone, and the unit geometric normal if `ng` is not null.
   Vec3f position(const SurfacePoint& point, double t, Vec3f* ng = nullptr) const;
   SurfaceDerivatives derivatives(const SurfacePoint& point, double t) const;
-  SurfaceMotion motion(const SurfacePoint& point, double t) const;
+  /// The surface that `point` lies on, at parameters (u, v) instead of the point's own, in double: from the knots that
+  /// rays meet, with the derivatives of that very interpolation. At a knot they are those of the segment after it, at
+  /// the last one those of the segment before. Normals and their derivatives are zero where no surface is left, and
+  /// those of flat triangles by u and v always. Materials may bend n further, which this does not know.
+  SurfaceFrame surface(const SurfacePoint& point, double u, double v, double t) const;
+  /// Where the line o + distance d crosses the primitive of `hit`, in double, for hits of a ray that is this one rounded
+  /// to float: surface(hit.point, u, v, t).p lies on the line to double rounding. Of two crossings the one nearer to
+  /// hit.t is taken. Empty where there is none: for lines in the plane of the primitive or past the curve of its
+  /// shape, and for crossings outside of it by more than 1e-4 of the range of u or v plus 2e-6 of the coordinates of
+  /// the ray's origin and of the point. Nothing is clamped: u and v may lie outside by that much.
+  std::optional<PrimitiveHit> refine(const Hit& hit, const Vec3d& o, const Vec3d& d, double t) const;
   /// World area of triangle `primitive` of a mesh shape at time t, with its unit geometric normal.
   float triangle_area(std::uint32_t instance, std::uint32_t shape, std::uint32_t primitive, double t) const;
   /// Map of an analytic shape from its unit space (scene/geometry.h) to the world at time t: one that can be inverted,
