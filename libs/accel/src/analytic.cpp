@@ -109,6 +109,21 @@ Bounds3f unit_bounds(Kind kind) {
   return b;
 }
 
+Bounds3f bounds(Kind kind, const Affine3d& map) {
+  // The support function of a ball, or of a disk, in each direction.
+  Vec3d reach;
+  for (int i = 0; i < 3; ++i) {
+    reach[i] = std::sqrt(sqr(map.x[i]) + sqr(map.y[i]) + (kind == Kind::kSphere ? sqr(map.z[i]) : 0));
+  }
+  Bounds3f b;
+  for (const Vec3d& center : {map.translation, map.translation + map.z}) {
+    b.extend(Vec3f(center - reach));
+    b.extend(Vec3f(center + reach));
+    if (kind != Kind::kCylinder) break;
+  }
+  return b;
+}
+
 float unit_area(Kind kind) { return kind == Kind::kSphere ? 4 * kPi : kind == Kind::kDisk ? kPi : 2 * kPi; }
 
 Vec3f sample(Kind kind, const Vec2f& u) {

@@ -37,6 +37,8 @@ UnitPoint<float> evaluate(Kind kind, float u, float v);
 
 /// Box around the unit shape.
 Bounds3f unit_bounds(Kind kind);
+/// Box around the shape that `map` makes of the unit shape: the smallest, to rounding.
+Bounds3f bounds(Kind kind, const Affine3d& map);
 /// Area of the unit shape.
 float unit_area(Kind kind);
 /// Uniform point by area: unit-space position from u in [0,1)^2.

@@ -89,14 +89,19 @@ bool is_identity(const Affine3d& m) { return m == Affine3d{}; }
 
 }  // namespace
 
-GeometryCache::GeometryCache() : impl_(std::make_unique<Impl>()) {
+RTCDevice new_device() {
   // AVX2 beats AVX-512 for single rays, which is what path tracing traces (measured; see docs/performance.md).
   const char* config = nullptr;
 #if defined(__x86_64__)
   if (__builtin_cpu_supports("avx2")) config = "isa=avx2";
 #endif
-  impl_->device = rtcNewDevice(config);
-  if (!impl_->device) throw Error(ErrorCode::kFailed, "the ray tracing library does not start on this processor");
+  RTCDevice device = rtcNewDevice(config);
+  if (!device) throw Error(ErrorCode::kFailed, "the ray tracing library does not start on this processor");
+  return device;
+}
+
+GeometryCache::GeometryCache() : impl_(std::make_unique<Impl>()) {
+  impl_->device = new_device();
   rtcSetDeviceMemoryMonitorFunction(
       impl_->device,
       [](void* user, ssize_t bytes, bool) {
@@ -187,6 +192,13 @@ PlacedShape place(const Scene& scene, std::uint32_t instance, std::uint32_t shap
   } else if (placement != Placement::kDeforming) {
     p.mirrored = map.determinant() < 0;
     p.knots.push_back(fixed_vertices(*p.mesh, map, bytes));
+    const Vec3f* positions = p.knots[0].positions;
+    for (const std::uint32_t v : p.mesh->indices) p.box.extend(positions[v]);
+    float radius2 = 0;
+    for (const std::uint32_t v : p.mesh->indices) {
+      radius2 = std::max(radius2, length_squared(positions[v] - p.box.center()));
+    }
+    p.radius = std::sqrt(radius2);
   }
   return p;
 }

@@ -47,6 +47,8 @@ struct PlacedShape {
   bool mirrored = false;            // vertices were moved by a mirroring map: winding shows the back
   bool mirroring_changes = false;   // deforming: over the evaluation span
   std::vector<KnotVertices> knots;  // 1 for non-deforming meshes
+  Bounds3f box;                     // of the triangles of a mesh that does not deform
+  float radius = 0;                 // of the ball around the center of `box` that holds them
   std::size_t first_knot = 0;       // of `knots` among the poses, deforming only
   std::vector<MeshPose> poses;      // deforming: at every knot of the evaluation span
 
@@ -73,6 +75,8 @@ struct EmbreeScene {
   }
 };
 
+/// Errors: Error{kFailed} if there is none.
+RTCDevice new_device();
 /// Errors: Error{kOutOfMemory | kFailed} if the device reports an error.
 void check_device(RTCDevice device);
 

@@ -40,6 +40,22 @@ MotionPieces::MotionPieces(MotionGrid grid, TimeSpan span, std::vector<double> j
   }
 }
 
+std::vector<MotionPieces::Stretch> MotionPieces::stretches(TimeSpan span) const {
+  std::vector<Stretch> all;
+  for (std::size_t i = 0; i < pieces_.size(); ++i) {
+    const Piece& p = pieces_[i];
+    const bool is_last = i + 1 == pieces_.size();
+    TimeSpan held{i == 0 ? span.begin : p.begin, is_last ? span.end : pieces_[i + 1].begin};
+    if (i == whole_) held = {std::min(held.begin, whole_span_.begin), std::max(held.end, whole_span_.end)};
+    const TimeSpan shared{std::max(span.begin, held.begin), std::min(span.end, held.end)};
+    if (shared.begin > shared.end || (shared.begin == held.end && !is_last && i != whole_)) continue;
+    const std::int64_t first = std::clamp(grid_.first(shared), p.first, p.last);
+    const std::int64_t last = std::clamp(grid_.last(shared), first, p.last);
+    all.push_back({p.offset + std::size_t(first - p.first), p.offset + std::size_t(last - p.first), shared});
+  }
+  return all;
+}
+
 std::vector<double> exposure_jumps(const Scene& scene, TimeSpan exposure) {
   constexpr std::size_t kMostJumps = 64;
   std::vector<double> all;
@@ -218,6 +234,8 @@ Affine3<T> upper(const Vec3<T>& scale, const Vec3<T>& skew) {
 }
 
 }  // namespace
+
+Affine3f upper(const AffineKnot& k) { return upper(k.scale, k.skew); }
 
 Affine3f compose(const AffineKnot& k) {
   Affine3f m = rotation(k.q) * upper(k.scale, k.skew);

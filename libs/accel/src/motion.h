@@ -31,6 +31,8 @@ AffineKnot decompose(const Affine3d& m, const AffineKnot* near = nullptr);
 /// passes through zero where it changes its sign, and maps that are singular turn with their neighbours.
 std::vector<AffineKnot> decompose(std::span<const Affine3d> motion);
 Affine3f compose(const AffineKnot& k);
+/// U of a knot.
+Affine3f upper(const AffineKnot& k);
 /// Between knots: linear in scale, skew and translation, slerp in rotation.
 Affine3f interpolate(const AffineKnot& a, const AffineKnot& b, float s);
 /// The same interpolation in double, and its derivative with respect to s.

@@ -2,6 +2,8 @@
 // Ray queries.
 #include <embree3/rtcore.h>
 
+#include <tuple>
+
 #include "ray_scene_impl.h"
 
 namespace tempera {
@@ -72,6 +74,19 @@ bool RayScene::occluded(const Ray& ray) const {
            ray.tmax, ~0u,     0,       0};
   rtcOccluded1(impl_->top, &context, &r);
   return r.tfar < 0;
+}
+
+bool RayScene::visible(const SurfaceEnd& a, const SurfaceEnd& b, double t) const {
+  // One ray for both orders: from the end that stands first by its coordinates.
+  const auto key = [](const SurfaceEnd& e) { return std::tie(e.p.x, e.p.y, e.p.z); };
+  if (key(a) == key(b)) return is_finite(a.p);
+  const bool in_order = key(a) < key(b);
+  const SurfaceEnd &first = in_order ? a : b, &second = in_order ? b : a;
+  const Vec3f d(second.p - first.p);
+  const Vec3f from = offset_origin(Vec3f(first.p), first.ng, d);
+  const Vec3f way = offset_origin(Vec3f(second.p), second.ng, -d) - from;
+  if (!is_finite(from) || !is_finite(way)) return false;
+  return way == Vec3f{} || !occluded({from, way, 0, 1, t});
 }
 
 }  // namespace tempera

@@ -69,6 +69,13 @@ class MotionPieces {
     const std::size_t at = p.offset + std::size_t(knot - p.first);
     return {at, p.first < p.last ? at + 1 : at, blend};
   }
+  /// The knots that motion within `span` is interpolated between, piece by piece: from the knot at or before the
+  /// begin of what the span and a piece share to the one at or after its end.
+  struct Stretch {
+    std::size_t first = 0, last = 0;
+    TimeSpan span;
+  };
+  std::vector<Stretch> stretches(TimeSpan span) const;
   /// Index of the knot at grid position `knot` of the piece that `whole` lies in.
   std::size_t index(std::int64_t knot) const {
     return pieces_[whole_].offset + std::size_t(knot - pieces_[whole_].first);

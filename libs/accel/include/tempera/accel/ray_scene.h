@@ -63,6 +63,13 @@ struct SurfaceDerivatives {
   Vec3f dpdu, dpdv, dndu, dndv;
 };
 
+/// One of two points that may see each other.
+struct SurfaceEnd {
+  Vec3d p;  ///< world space
+  Vec3f
+      ng;  ///< unit geometric normal, of either side; zero for what lies on no surface, as lamps without size and lenses
+};
+
 struct RaySceneOptions {
   double motion_step = 1.0 / 96;  ///< seconds between knots of the resampling grid, > 0
   bool robust = false;            ///< Embree's watertight mode, about 5 % slower
@@ -105,6 +112,10 @@ class RayScene {
   bool intersect(const Ray& ray, Hit& hit) const;
   /// Whether anything lies within (tmin, tmax). Surfaces with opacity below 1 count as opaque here.
   bool occluded(const Ray& ray) const;
+  /// Whether nothing lies between two points at time t: the same if they are exchanged, to the bit. Each is moved off its
+  /// surface towards the other one first, as by offset_origin. Surfaces with opacity below 1 count as opaque. Points at
+  /// one place see each other; false if one is not finite.
+  bool visible(const SurfaceEnd& a, const SurfaceEnd& b, double t) const;
 
   /// Everything a material needs at `point` at time `t`, seen from unit direction `wo`.
   ShadingPoint shading_point(const SurfacePoint& point, double t, const Vec3f& wo) const;
@@ -127,6 +138,18 @@ class RayScene {
   /// Map of an analytic shape from its unit space (scene/geometry.h) to the world at time t: one that can be inverted,
   /// so flattened shapes have a thickness of a millionth. Pre: the shape is analytic.
   Affine3f world_from_unit(std::uint32_t instance, std::uint32_t shape, double t) const;
+
+  /// Whether any point of a shape of an instance is in more than one place within `span`, by its node, skin, morph targets
+  /// or vertex cache, as resampled: a knot beyond the end of the span counts if motion up to it is blended in. Hidden
+  /// things move, too; the camera is none of it.
+  bool moves(std::uint32_t instance, std::uint32_t shape, TimeSpan span) const;
+  /// World box that holds a shape of an instance, hidden or not, at every time in `span` as rays meet it: turning between
+  /// knots and rounding included. Apart from rounding (1e-5 of the coordinates) the smallest one for what does not
+  /// move or deforms. Mesh that moves rigidly is held by its box and by a ball in its own space, and turning adds at
+  /// most a fortieth of the way: its box has at most three times the diagonal of the smallest one. Analytic shapes that
+  /// move are held to that fortieth. Empty for a mesh without triangles. Takes time in proportion to the vertices of
+  /// meshes that deform, and to those alone.
+  Bounds3f swept_bounds(std::uint32_t instance, std::uint32_t shape, TimeSpan span) const;
 
   const Shape& shape(const SurfacePoint& point) const { return scene_->shapes[point.shape]; }
   /// Whether any material in the scene lets light pass straight through.
