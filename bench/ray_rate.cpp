@@ -15,7 +15,7 @@
 
 #include "tempera/core/parallel.h"
 #include "tempera/import/import.h"
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/render_section.h"
 
 namespace {
 
@@ -89,28 +89,18 @@ int main(int argc, char** argv) try {
   settings.height = std::max(1, int(width / aspect));
   settings.spp = spp;
   settings.camera = scene.default_camera;
-  Params params(find_integrator("path").params);
+  Params params(find_method("path").params);
   if (scene.defaults.max_depth) params.set("max_depth", *scene.defaults.max_depth);
-  const auto integrator = find_integrator("path").make(params);
-  const int frame_number = 1;
-  const TimeSpan exposure = settings.clock.exposure(frame_number);
-  const double step = settings.clock.frame_duration() / 4;
+  const auto method = find_method("path").make(params);
+  constexpr int kFrame = 1;
   GeometryCache cache;
-  const RayScene rays(scene, exposure, exposure, {.motion_step = step}, cache);
-  const LightSampler lights(scene, rays);
-  const CameraModel camera(scene, settings.camera, settings.width, settings.height, exposure, step);
   const LightPathClassifier classifier;
-  const FrameContext context{scene, rays, lights, camera, classifier, settings, frame_number};
-  Frame frame = make_frame(*integrator, settings, scene);
+  SceneWindow window(scene, settings, classifier, settings.clock.frame_duration() / 4, cache, {kFrame, kFrame});
+  window.frame(kFrame);
   const FlushDenormals flush;
   const auto render = [&] {
-    RenderCounters counters;
-    for (int y = 0; y < settings.height; y += 32) {
-      for (int x = 0; x < settings.width; x += 32) {
-        integrator->render(context, {x, y, std::min(x + 32, settings.width), std::min(y + 32, settings.height)}, frame,
-                           counters, {});
-      }
-    }
+    Section section(*method, settings, scene, {kFrame, kFrame}, {kFrame}, method->passes(settings, {kFrame, kFrame}));
+    with_threads(1, [&] { render_section(*method, window, section, {}, {}, {}); });
   };
   std::vector<RecordedRay> record;
   g_record = &record;

@@ -8,7 +8,7 @@
 #include "program.h"
 #include "tempera/frames/layers.h"
 #include "tempera/import/import.h"
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/method.h"
 #include "tempera/pipeline/materials.h"
 
 namespace tempera {
@@ -17,7 +17,7 @@ namespace {
 
 std::vector<CatalogItem> integrators() {
   std::vector<CatalogItem> out;
-  for (const IntegratorEntry* e : integrator_catalog())
+  for (const MethodEntry* e : method_catalog())
     out.push_back({e->name, e->help, {e->params.begin(), e->params.end()}});
   return out;
 }

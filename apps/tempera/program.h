@@ -75,6 +75,7 @@ struct RenderFlags {
   bool resume = false;
   double checkpoint_minutes = 10;
   std::string tev, progress = "auto", replay;
+  std::string part;
   JobStep step;  ///< that the render is of a job
   void add_to(CLI::App& command);
   ProgressKind progress_kind(const Program& program) const { return program.progress_kind(progress); }
@@ -107,6 +108,7 @@ void add_render(Program& program);
 void add_run(Program& program);
 void add_info(Program& program);
 void add_list(Program& program);
+void add_merge(Program& program);
 void add_reconstruct(Program& program);
 void add_video(Program& program);
 void add_compare(Program& program);

@@ -44,6 +44,20 @@ BadSample parse_replay(const std::string& text, const RenderSettings& settings) 
   return b;
 }
 
+Part parse_part(const std::string& text) {
+  const char *begin = text.data(), *end = begin + text.size();
+  Part part;
+  const auto first = std::from_chars(begin, end, part.index);
+  const bool slash = first.ec == std::errc() && first.ptr != end && *first.ptr == '/';
+  const auto second = slash ? std::from_chars(first.ptr + 1, end, part.count) : first;
+  if (!slash || second.ec != std::errc() || second.ptr != end || part.index < 1 || part.index > part.count) {
+    throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
+                fmt::format("--part \"{}\" is not of the form 2/3: the second of three parts", text));
+  }
+  --part.index;
+  return part;
+}
+
 void add_render_options(CLI::App& command, RenderFlags& flags) {
   command
       .add_option("--checkpoint-minutes", flags.checkpoint_minutes,
@@ -88,7 +102,7 @@ void RenderFlags::add_overrides_to(CLI::App& command) {
 }
 
 void hint_at_reconstruction(const Shot& shot) {
-  if (!has_differences(find_integrator(shot.integrator).make(shot.params)->outputs(shot.settings))) return;
+  if (!has_differences(find_method(shot.integrator).make(shot.params)->outputs(shot.settings))) return;
   log_info(
       fmt::format("these frames are noisy pictures with differences; to make final frames of them: tempera "
                   "reconstruct {} -o {} (tempera run does both)",
@@ -102,6 +116,7 @@ Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender
   options.resume = flags.resume;
   options.checkpoint_seconds = 60 * flags.checkpoint_minutes;
   options.command = program.command_line();
+  if (!flags.part.empty()) options.part = parse_part(flags.part);
   std::unique_ptr<RenderObserver> tev;
   const std::uint64_t memory_limit = flags.shot.memory_limit();
   if (memory_limit > 0) limit_memory(memory_limit);
@@ -123,7 +138,7 @@ Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender
     if (shot.output.empty()) {
       throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "no output is named; add -o out/frame.####.exr");
     }
-    const auto layers = find_integrator(shot.integrator).make(shot.params)->outputs(shot.settings);
+    const auto layers = find_method(shot.integrator).make(shot.params)->outputs(shot.settings);
     check_shot_encoding(config, layers, shot.write);
     if (!flags.tev.empty()) tev = make_tev_display(parse_tev_address(flags.tev), shot.source.stem().string());
     log_info(fmt::format("frames {}, to {}", describe_frames(shot.frames), shot.output));
@@ -133,6 +148,7 @@ Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender
     std::vector<RenderObserver*> observers{progress.get()};
     if (tev) observers.push_back(tev.get());
     const RenderReport report = render_sequence(shot, loaded.scene, options, observers, program.stop);
+    if (options.part.count > 1) return;
     const std::size_t done = report.frames.size();
     log_info(fmt::format("{} {} rendered, {} already finished, in {:.1f} s", done, done == 1 ? "frame" : "frames",
                          report.skipped.size(), report.seconds));
@@ -154,6 +170,10 @@ void add_render(Program& program) {
         return 0;
       });
   flags->add_to(*command);
+  command
+      ->add_option("--part", flags->part,
+                   "render this part of the work on each frame, for `tempera merge`; dividing the frames is cheaper")
+      ->type_name("I/N");
 }
 
 }  // namespace tempera

@@ -10,7 +10,7 @@
 #include "tempera/core/parallel.h"
 #include "tempera/frames/frame.h"
 #include "tempera/import/import.h"
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/render_section.h"
 
 namespace tempera {
 namespace {
@@ -41,23 +41,18 @@ Image render(const Scene& scene, int spp) {
         PixelFilter(parse_filter(*scene.defaults.filter), float(scene.defaults.filter_radius.value_or(0)));
   }
   settings.clock.shutter = {.open = 0, .close = 0};
-  Params params(find_integrator("path").params);
+  Params params(find_method("path").params);
   params.set("max_depth", scene.defaults.max_depth.value_or(-1));
   params.set("null_counts_as_bounce", scene.defaults.null_counts_as_bounce);
-  const auto integrator = find_integrator("path").make(params);
+  const auto method = find_method("path").make(params);
   GeometryCache cache;
-  const RayScene rays(scene, {0, 0}, {0, 0}, {}, cache);
-  const LightSampler lights(scene, rays);
-  const CameraModel camera(scene, scene.default_camera, settings.width, settings.height, {0, 0}, 1);
   const LightPathClassifier classifier;
-  const FrameContext context{scene, rays, lights, camera, classifier, settings, 0};
-  Frame frame = make_frame(*integrator, settings, scene);
-  RenderCounters counters;
-  parallel_for(0, settings.height, [&](std::int64_t y) {
-    integrator->render(context, {0, int(y), settings.width, int(y) + 1}, frame, counters, {});
-  });
-  EXPECT_EQ(counters.bad_samples, 0u);
-  return frame.layer("color");
+  SceneWindow window(scene, settings, classifier, 1, cache, {0, 0});
+  Section section(*method, settings, scene, {0, 0}, {0}, method->passes(settings, {0, 0}));
+  EXPECT_TRUE(render_section(*method, window, section, {}, {}, {}));
+  EXPECT_EQ(section.totals().bad_samples, 0u);
+  section.finish(*method);
+  return section.picture(0).layer("color");
 }
 
 /// Share of pixels and channels that a z-test at significance 0.01 (Sidak over the pixels) accepts.

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <limits>
 #include <unordered_set>
 
 #include "tempera/core/error.h"
@@ -45,6 +46,31 @@ double Shutter::warp(double u) const {
   return u;
 }
 
+double Shutter::density(double x) const {
+  if (!(x >= 0 && x <= 1)) return 0;
+  switch (shape) {
+    case ShutterShape::kBox:
+      return 1;
+    case ShutterShape::kTrapezoid: {
+      const double a = std::clamp(ramp_in, 0.0, 1.0), b = std::clamp(ramp_out, 0.0, 1.0 - a);
+      const double height = 1 / (1 - 0.5 * (a + b));
+      if (x < a) return height * x / a;
+      return x > 1 - b ? height * (1 - x) / b : height;
+    }
+    case ShutterShape::kCurve: {
+      if (curve.size() < 2) return 1;
+      double total = 0;
+      for (std::size_t i = 0; i + 1 < curve.size(); ++i) total += 0.5 * (double(curve[i]) + curve[i + 1]);
+      if (!(total > 0)) return 1;
+      const double n = double(curve.size() - 1);
+      const std::size_t i = std::min(std::size_t(x * n), curve.size() - 2);
+      const double s = x * n - double(i);
+      return (curve[i] * (1 - s) + curve[i + 1] * s) * n / total;
+    }
+  }
+  return 0;
+}
+
 TimeSpan FrameClock::exposure(int frame) const {
   const double rolling = std::abs(shutter.rolling);
   const double t = time(frame), d = frame_duration();
@@ -55,6 +81,27 @@ double FrameClock::exposure_time(int frame, double u, double v) const {
   const double s = shutter.open + (shutter.close - shutter.open) * shutter.warp(u);
   const double delay = shutter.rolling >= 0 ? shutter.rolling * v : -shutter.rolling * (1 - v);
   return time(frame) + (s + delay) * frame_duration();
+}
+
+std::optional<FrameRange> FrameClock::frames_open_at(double t) const {
+  // The exposures of all frames have one length; rounding may take or leave a frame at either end.
+  const TimeSpan span = exposure(first);
+  constexpr double kLast = std::numeric_limits<int>::max() - 1;
+  const auto frame = [&](double offset) { return int(std::clamp(first + offset, -kLast, kLast)); };
+  FrameRange r{frame(std::floor((t - span.end) * fps)), frame(std::ceil((t - span.begin) * fps))};
+  while (r.first <= r.last && !exposure(r.first).contains(t)) ++r.first;
+  while (r.first <= r.last && !exposure(r.last).contains(t)) --r.last;
+  if (r.first > r.last) return std::nullopt;
+  return r;
+}
+
+double FrameClock::exposure_density(int frame, double t, double v) const {
+  const double length = shutter.close - shutter.open;
+  const double delay = shutter.rolling >= 0 ? shutter.rolling * v : -shutter.rolling * (1 - v);
+  const double x = ((t - time(frame)) * fps - delay - shutter.open) / length;
+  const double rounding = 8 * std::numeric_limits<double>::epsilon() * (1 + std::abs(t) * fps) / length;
+  if (!(x >= -rounding && x <= 1 + rounding)) return 0;
+  return shutter.density(std::clamp(x, 0.0, 1.0)) * fps / length;
 }
 
 static int parse_int(std::string_view& s, std::string_view whole) {

@@ -46,9 +46,9 @@ std::string cryptomatte_key(std::string_view layer_name) {
 void CryptomatteBuffer::add(Pixel& pixel, float id, float weight) {
   pixel.total += weight;
   if (id == 0) return;
-  for (auto& [known, sum] : pixel.ids) {
-    if (known == id) {
-      sum += weight;
+  for (Share& known : pixel.ids) {
+    if (known.id == id) {
+      known.weight += weight;
       return;
     }
   }
@@ -69,6 +69,20 @@ void CryptomatteBuffer::merge(const CryptomatteBuffer& other) {
       rest -= weight;
     }
     pixels_[i].total += rest;
+  }
+}
+
+void CryptomatteBuffer::save(ByteWriter& out) const {
+  for (const Pixel& p : pixels_) {
+    out.value(p.total);
+    out.values(p.ids);
+  }
+}
+
+void CryptomatteBuffer::load(ByteReader& in) {
+  for (Pixel& p : pixels_) {
+    in.value(p.total);
+    in.values(p.ids);
   }
 }
 

@@ -56,6 +56,29 @@ class Reader {
 };
 }  // namespace
 
+void save_metadata(const Metadata& metadata, ByteWriter& out) {
+  out.value(std::uint64_t(metadata.size()));
+  for (const auto& [key, value] : metadata) {
+    out.text(key);
+    out.value(std::uint8_t(value.index()));
+    if (const auto* text = std::get_if<std::string>(&value)) out.text(*text);
+    if (const auto* number = std::get_if<int>(&value)) out.value(*number);
+    if (const auto* number = std::get_if<double>(&value)) out.value(*number);
+  }
+}
+
+void read_metadata(Metadata& metadata, ByteReader& in) {
+  metadata.clear();
+  for (auto n = in.value<std::uint64_t>(); n > 0; --n) {
+    const std::string key = in.text();
+    const auto kind = in.value<std::uint8_t>();
+    MetaValue& value = metadata[key];
+    if (kind == 0) value = in.text();
+    if (kind == 1) value = in.value<int>();
+    if (kind == 2) value = in.value<double>();
+  }
+}
+
 std::string to_text(const MetaValue& value) {
   return std::visit([](const auto& v) { return fmt::format("{}", v); }, value);
 }

@@ -9,7 +9,7 @@
 
 #include "tempera/core/parallel.h"
 #include "tempera/core/random.h"
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/method.h"
 
 namespace tempera {
 

@@ -16,9 +16,6 @@ namespace {
 enum Side { kRight, kDown, kLeft, kUp };
 constexpr std::array<const char*, 4> kSides{"grad.right", "grad.down", "grad.left", "grad.up"};
 
-/// Streams of first batches that are not part of the picture: independent of all frames' own.
-constexpr std::int64_t kPilotStreams = std::int64_t(1) << 41;
-
 /// Which differences of a pixel there are. They need samples on both sides: none across the border of what is rendered.
 std::array<bool, 4> inside(const RenderSettings& s, int x, int y) {
   return {x + 1 < s.x1(), y + 1 < s.y1(), x > s.x0(), y > s.y0()};
@@ -82,6 +79,8 @@ std::vector<std::string> gradient_layer_names(const std::string& prefix, int est
   for (const LayerDesc& d : rare_layers(prefix, estimates)) names.push_back(d.name);
   return names;
 }
+
+const std::size_t GradientTile::kBytesOfPixel = TileFilm::kBytesOfPixel + sizeof(Pixel) + sizeof(RarePixel);
 
 GradientTile::GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix)
     : settings_(context.settings),
@@ -215,40 +214,69 @@ Rgb replay_gradients(const FrameContext& context, const GradientOptions& options
   return radiance;
 }
 
-GradientBatches::GradientBatches(const FrameContext& context, const GradientOptions& options, int spp)
+void GradientTile::save(ByteWriter& out) const {
+  film_.save(out);
+  out.values(pixels_);
+  out.values(rare_);
+}
+
+void GradientTile::load(ByteReader& in) {
+  film_.load(in);
+  in.values(pixels_);
+  in.values(rare_);
+}
+
+GradientBatches::GradientBatches(const RenderSettings& settings, const GradientOptions& options, int spp)
     : plan_(plan_batches(options.adaptive, spp)) {
-  const RenderSettings& s = context.settings;
-  const auto pixels = std::size_t(s.x1() - s.x0()) * std::size_t(s.y1() - s.y0());
+  const auto pixels =
+      std::size_t(settings.x1() - settings.x0()) * std::size_t(settings.y1() - settings.y0());
   taken_.assign(pixels, 0);
   wanted_.assign(pixels, plan_.first);
 }
 
-bool GradientBatches::render(const FrameContext& context, const GradientOptions& options, const Tile& tile, Frame& out,
-                             RenderCounters& counters, const std::stop_token& stop) {
+std::vector<PassDesc> GradientBatches::passes(const GradientOptions& options, int spp) {
+  const int count = plan_batches(options.adaptive, spp).count;
+  std::vector<PassDesc> result;
+  for (int i = 0; i < count; ++i) {
+    PassDesc pass{.name = count == 1 ? "samples" : fmt::format("batch {} of {}", i + 1, count), .waits = i > 0};
+    if (i + 1 < count) pass.memory = GradientTile::kBytesOfPixel;
+    result.push_back(std::move(pass));
+  }
+  return result;
+}
+
+bool GradientBatches::render(const FrameContext& context, const GradientOptions& options, int batch, const Tile& tile,
+                             UnitOutput& out, RenderCounters& counters, const std::stop_token& stop) const {
   const RenderSettings& s = context.settings;
-  std::unique_lock lock(mutex_);
-  GradientTile& film = tiles_.try_emplace({tile.y0, tile.x0}, context, tile, out, "").first->second;
-  lock.unlock();
+  const bool last = batch + 1 == plan_.count;
+  GradientTile film(context, tile, out.picture(), "");
+  if (batch > (plan_.keep_first ? 0 : 1)) {
+    ByteReader in(out.kept());
+    film.load(in);
+  }
   for (int y = tile.y0; y < tile.y1; ++y) {
     for (int x = tile.x0; x < tile.x1; ++x) {
       if (stop.stop_requested()) return false;
       const std::size_t i = std::size_t(y - s.y0()) * std::size_t(s.x1() - s.x0()) + std::size_t(x - s.x0());
       PixelKey key = own_key(context, x, y);
-      if (batch_ == 0 && !plan_.keep_first) key.stream += kPilotStreams;
+      if (batch == 0 && !plan_.keep_first) key.stream = stream_number(StreamPurpose::kPilot, key.stream);
       film.sample(context, options, x, y, key, taken_[i], wanted_[i], counters);
-      taken_[i] += wanted_[i];
     }
   }
-  film.write(out, !last());
-  if (last()) {
-    lock.lock();
-    tiles_.erase({tile.y0, tile.x0});
+  film.write(out.picture(), !last);
+  if (!last) {
+    Bytes bytes;
+    ByteWriter writer(bytes);
+    film.save(writer);
+    out.keep(std::move(bytes));
   }
   return true;
 }
 
-void GradientBatches::next(const FrameContext& context, const GradientOptions& options, const Frame& out) {
+void GradientBatches::end(const RenderSettings& settings, const GradientOptions& options, int batch, int frame,
+                          const Frame& out) {
   const int w = out.width(), h = out.height();
+  for (std::size_t i = 0; i < taken_.size(); ++i) taken_[i] += wanted_[i];
   const auto sum = [](const Rgb& c) { return c.r + c.g + c.b; };
   std::array<const Image*, 4> variances{};
   for (std::size_t j = 0; j < 4; ++j) variances[j] = &out.layer(variance_of(kSides[j]));
@@ -267,13 +295,19 @@ void GradientBatches::next(const FrameContext& context, const GradientOptions& o
       p.samples = plan_.keep_first ? taken_[i] : 0;
     }
   }
-  ++batch_;
   wanted_ = next_batch(options.adaptive, noise, w, h, plan_.later,
-                       hash_key(context.settings.seed, std::uint64_t(context.frame), std::uint64_t(batch_)));
-  if (!plan_.keep_first) {
-    std::fill(taken_.begin(), taken_.end(), 0);
-    tiles_.clear();
-  }
+                       hash_key(settings.seed, std::uint64_t(frame), std::uint64_t(batch + 1)));
+  if (!plan_.keep_first && batch == 0) std::fill(taken_.begin(), taken_.end(), 0);
+}
+
+void GradientBatches::save(ByteWriter& out) const {
+  out.values(taken_);
+  out.values(wanted_);
+}
+
+void GradientBatches::load(ByteReader& in) {
+  in.values(taken_);
+  in.values(wanted_);
 }
 
 }  // namespace tempera

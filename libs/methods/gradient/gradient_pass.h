@@ -1,16 +1,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Gradient-domain path tracing of tiles: picture and differences of neighbouring pixels.
-#include <map>
-#include <mutex>
 #include <stop_token>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "adaptive_sampling.h"
-#include "tempera/transport/path_tracer.h"
 #include "rare_light.h"
+#include "tempera/methods/method.h"
+#include "tempera/transport/path_tracer.h"
 #include "tempera/transport/tile_film.h"
 
 namespace tempera {
@@ -42,6 +40,7 @@ class GradientTile {
  public:
   /// Gathers what `out` has layers for, under names that begin with `prefix`.
   GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix);
+  static const std::size_t kBytesOfPixel;  ///< that `save` takes, about
 
   /// Adds `count` samples of pixel (x, y), with the random numbers of `key` from number `first` on.
   void sample(const FrameContext& context, const GradientOptions& options, int x, int y, const PixelKey& key, int first,
@@ -50,6 +49,9 @@ class GradientTile {
   /// from two independent halves; or, if `of_samples`, what the spread of all samples says, which is less noisy and,
   /// for points of a net, too much.
   void write(Frame& out, bool of_samples = false) const;
+  /// As TileFilm has them.
+  void save(ByteWriter& out) const;
+  void load(ByteReader& in);
 
  private:
   struct Pixel {
@@ -71,29 +73,29 @@ class GradientTile {
 /// Joins the two estimates of each difference: mean of g_ij minus mean of g_ji. [Manzi 2016, Eq. 1]
 void join_gradients(const std::string& prefix, Frame& out);
 
-/// A frame whose samples are placed in batches: what its tiles share, and what they keep from one to the next.
+/// A frame whose samples are placed in batches, a pass each: what its tiles share.
 class GradientBatches {
  public:
   /// `spp`: samples of a pixel, on average.
-  GradientBatches(const FrameContext& context, const GradientOptions& options, int spp);
+  GradientBatches(const RenderSettings& settings, const GradientOptions& options, int spp);
 
-  bool last() const { return batch_ + 1 == plan_.count; }
-  /// Renders the present batch of a tile into `out`. Returns false if it was stopped. Threads: concurrently for
-  /// different tiles.
-  bool render(const FrameContext& context, const GradientOptions& options, const Tile& tile, Frame& out,
-              RenderCounters& counters, const std::stop_token& stop);
-  /// Places the next batch, once all tiles of `out` hold this one.
-  void next(const FrameContext& context, const GradientOptions& options, const Frame& out);
+  /// Their passes; every one but the first waits for the one before.
+  static std::vector<PassDesc> passes(const GradientOptions& options, int spp);
+  int count() const { return plan_.count; }
+  /// Renders batch `batch` of a tile. Returns false if it was stopped. Threads: concurrently for different tiles.
+  bool render(const FrameContext& context, const GradientOptions& options, int batch, const Tile& tile, UnitOutput& out,
+              RenderCounters& counters, const std::stop_token& stop) const;
+  /// Places the batch after `batch`, once all tiles of `out` hold this one.
+  void end(const RenderSettings& settings, const GradientOptions& options, int batch, int frame, const Frame& out);
+  void save(ByteWriter& out) const;
+  void load(ByteReader& in);
 
  private:
   BatchPlan plan_;
-  int batch_ = 0;
   std::vector<int> taken_, wanted_;  ///< samples of each pixel: numbers used up; in the present batch
-  std::mutex mutex_;
-  std::map<std::pair<int, int>, GradientTile> tiles_;  ///< by their first pixel
 };
 
-/// Integrator::replay: the radiance of a sample, or what it adds to a difference if that is not finite.
+/// Method::replay: the radiance of a sample, or what it adds to a difference if that is not finite.
 Rgb replay_gradients(const FrameContext& context, const GradientOptions& options, const BadSample& sample);
 
 /// Errors: Error{kUnsupported} for a rolling shutter, naming `integrator`.

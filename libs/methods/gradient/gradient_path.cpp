@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Gradient-domain path tracing of single frames. [Kettunen 2015]
 #include "gradient_pass.h"
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/method.h"
 #include "tempera/transport/pixel_motion.h"
 #include "tempera/transport/tile_film.h"
 
@@ -9,15 +9,17 @@ namespace tempera {
 
 namespace {
 
-struct BatchedPlan final : FramePlan {
-  BatchedPlan(const FrameContext& context, const GradientOptions& options)
-      : batches(context, options, context.settings.spp) {}
+struct GradientState final : SectionState {
+  GradientState(const RenderSettings& settings, const GradientOptions& options)
+      : batches(settings, options, settings.spp) {}
+  void save(ByteWriter& out) const override { batches.save(out); }
+  void load(ByteReader& in) override { batches.load(in); }
   GradientBatches batches;
 };
 
-class GradientPathIntegrator final : public Integrator {
+class GradientPath final : public Method {
  public:
-  explicit GradientPathIntegrator(const Params& p) : options_(p) {}
+  explicit GradientPath(const Params& p) : options_(p) {}
 
   std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
     check_gradient_settings(settings, "gradient_path");
@@ -35,23 +37,26 @@ class GradientPathIntegrator final : public Integrator {
     if (options_.rare) add_missing(result, rare_work_layers("", 2));
     return result;
   }
-  int rounds(const RenderSettings& settings) const override {
-    return plan_batches(options_.adaptive, settings.spp).count;
+  std::vector<PassDesc> passes(const RenderSettings& settings, FrameRange /*section*/) const override {
+    return GradientBatches::passes(options_, settings.spp);
   }
-  std::unique_ptr<FramePlan> prepare(const FrameContext& context, const FrameContext* /*before*/,
-                                     const Frame* /*rendered*/) const override {
-    return std::make_unique<BatchedPlan>(context, options_);
+  std::unique_ptr<SectionState> begin(const SceneWindow& window) const override {
+    return std::make_unique<GradientState>(window.settings(), options_);
   }
-  void next_round(const FrameContext& context, const Frame& out) const override {
-    static_cast<BatchedPlan*>(context.plan)->batches.next(context, options_, out);
+  void run(const SceneWindow& window, SectionState* state, const Unit& unit, UnitOutput& out, RenderCounters& counters,
+           std::stop_token stop) const override {
+    const FrameContext& context = window.frame(unit.frame);
+    const GradientBatches& batches = static_cast<const GradientState*>(state)->batches;
+    if (batches.render(context, options_, unit.pass, unit.tile, out, counters, stop) &&
+        unit.pass + 1 == batches.count()) {
+      write_motion(context, unit.tile, out.picture());
+    }
   }
-  void render(const FrameContext& context, const Tile& tile, Frame& out, RenderCounters& counters,
-              std::stop_token stop) const override {
-    GradientBatches& batches = static_cast<BatchedPlan*>(context.plan)->batches;
-    if (batches.render(context, options_, tile, out, counters, stop) && batches.last())
-      write_motion(context, tile, out);
+  void end_pass(const SceneWindow& window, SectionState* state, int pass, const PassResult& result) const override {
+    static_cast<GradientState*>(state)->batches.end(window.settings(), options_, pass, window.section().first,
+                                                    *result.pictures[0]);
   }
-  void finish(const FrameContext& /*context*/, Frame& out) const override {
+  void finish(Frame& out) const override {
     join_gradients("", out);
     if (options_.rare) keep_rare_apart(std::vector<std::string>{""}, out);
   }
@@ -66,10 +71,10 @@ class GradientPathIntegrator final : public Integrator {
 
 }  // namespace
 
-extern const IntegratorEntry gradient_path_entry;
-const IntegratorEntry gradient_path_entry{
+extern const MethodEntry gradient_path_entry;
+const MethodEntry gradient_path_entry{
     "gradient_path", "Gradient-domain path tracing: the picture and the differences of its pixels",
     GradientOptions::params(),
-    [](const Params& p) -> std::unique_ptr<Integrator> { return std::make_unique<GradientPathIntegrator>(p); }};
+    [](const Params& p) -> std::unique_ptr<Method> { return std::make_unique<GradientPath>(p); }};
 
 }  // namespace tempera

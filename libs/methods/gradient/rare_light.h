@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/method.h"
 
 namespace tempera {
 

@@ -10,7 +10,7 @@
 #include <cmath>
 
 #include "gradient_pass.h"
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/method.h"
 #include "tempera/transport/pixel_motion.h"
 #include "tempera/transport/tile_film.h"
 
@@ -19,22 +19,22 @@ namespace tempera {
 namespace {
 
 const std::string kOffset = "offset.";
-/// Streams of pixels that show what the frame before did not: independent of all frames' own.
-constexpr std::int64_t kFillStreams = std::int64_t(1) << 40;
 
 /// Samples of the base and of the offset pass. The offset pass has as many as the base pass of the frame before.
 int base_samples(const RenderSettings& s) { return s.spp - s.spp / 2; }
 int offset_samples(const RenderSettings& s) { return s.spp / 2; }
 
-struct ReplayPlan final : FramePlan {
-  ReplayPlan(const FrameContext& context, const GradientOptions& options)
-      : base(context, options, base_samples(context.settings)) {}
+struct ReplayState final : SectionState {
+  ReplayState(const RenderSettings& settings, const GradientOptions& options)
+      : base(settings, options, base_samples(settings)) {}
+  void save(ByteWriter& out) const override { base.save(out); }
+  void load(ByteReader& in) override { base.load(in); }
   GradientBatches base;
-  ReplayMap map;         ///< empty if the frame is rendered for the next one only
+  ReplayMap map;
   Image samples_before;  ///< of the base pass of the frame before; empty under uniform sampling
 };
 
-class TemporalGradientPathIntegrator final : public Integrator {
+class TemporalGradientPath final : public Method {
  public:
   static const std::vector<ParamSpec>& params() {
     static const std::vector<ParamSpec> specs = [] {
@@ -44,7 +44,7 @@ class TemporalGradientPathIntegrator final : public Integrator {
     }();
     return specs;
   }
-  explicit TemporalGradientPathIntegrator(const Params& p)
+  explicit TemporalGradientPath(const Params& p)
       : options_(p), subpixel_motion_(p.get_bool("subpixel_motion")) {}
 
   std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
@@ -90,34 +90,40 @@ class TemporalGradientPathIntegrator final : public Integrator {
     return result;
   }
 
-  int frames_before() const override { return 1; }
-  std::vector<std::string> layers_for_next_frame() const override {
-    if (options_.adaptive.mode == AdaptiveOptions::Mode::kOff) return {};
-    return {layers::samples().name};
+  std::vector<PassDesc> passes(const RenderSettings& settings, FrameRange /*section*/) const override {
+    std::vector<PassDesc> result = GradientBatches::passes(options_, base_samples(settings));
+    PassDesc offset{.name = "offset", .scene = {.before = 1}};
+    if (options_.adaptive.mode != AdaptiveOptions::Mode::kOff)
+      offset.reads = {{layers::samples().name, -1, result.back().name}};
+    result.push_back(std::move(offset));
+    return result;
   }
-  int rounds(const RenderSettings& settings) const override {
-    return plan_batches(options_.adaptive, base_samples(settings)).count;
+  std::unique_ptr<SectionState> begin(const SceneWindow& window) const override {
+    return std::make_unique<ReplayState>(window.settings(), options_);
   }
-  std::unique_ptr<FramePlan> prepare(const FrameContext& context, const FrameContext* before,
-                                     const Frame* rendered) const override {
-    auto plan = std::make_unique<ReplayPlan>(context, options_);
-    if (!context.only_for_next_frame) plan->map = make_replay_map(*before, context);
-    if (rendered) plan->samples_before = rendered->layer(layers::samples().name);
-    return plan;
+  void begin_pass(const SceneWindow& window, SectionState* state, int pass,
+                  std::span<const Image> reads) const override {
+    auto& replay = *static_cast<ReplayState*>(state);
+    if (pass < replay.base.count()) return;
+    const int frame = window.section().first;
+    replay.map = make_replay_map(window.middle_of_frame_before(frame), window.frame(frame));
+    if (!reads.empty()) replay.samples_before = reads[0];
   }
-  void next_round(const FrameContext& context, const Frame& out) const override {
-    static_cast<ReplayPlan*>(context.plan)->base.next(context, options_, out);
+  void run(const SceneWindow& window, SectionState* state, const Unit& unit, UnitOutput& out, RenderCounters& counters,
+           std::stop_token stop) const override {
+    const auto& replay = *static_cast<const ReplayState*>(state);
+    const FrameContext& context = window.frame(unit.frame);
+    if (unit.pass < replay.base.count()) {
+      replay.base.render(context, options_, unit.pass, unit.tile, out, counters, stop);
+    } else if (render_offset(context, replay, unit.tile, out.picture(), counters, stop)) {
+      write_motion(context, unit.tile, out.picture());
+    }
   }
-
-  void render(const FrameContext& context, const Tile& tile, Frame& out, RenderCounters& counters,
-              std::stop_token stop) const override {
-    auto& plan = *static_cast<ReplayPlan*>(context.plan);
-    if (!plan.base.render(context, options_, tile, out, counters, stop)) return;
-    if (!plan.base.last() || context.only_for_next_frame) return;
-    if (!render_offset(context, plan, tile, out, counters, stop)) return;
-    write_motion(context, tile, out);
+  void end_pass(const SceneWindow& window, SectionState* state, int pass, const PassResult& result) const override {
+    static_cast<ReplayState*>(state)->base.end(window.settings(), options_, pass, window.section().first,
+                                               *result.pictures[0]);
   }
-  void finish(const FrameContext& /*context*/, Frame& out) const override {
+  void finish(Frame& out) const override {
     join_gradients("", out);
     join_gradients(kOffset, out);
     if (options_.rare) keep_rare_apart(std::vector<std::string>{"", kOffset}, out);
@@ -130,7 +136,7 @@ class TemporalGradientPathIntegrator final : public Integrator {
  private:
   /// Each pixel with the numbers, and as many of them, as the pixel of the frame before that showed the same matter.
   /// Returns false if it was stopped.
-  bool render_offset(const FrameContext& context, const ReplayPlan& plan, const Tile& tile, Frame& out,
+  bool render_offset(const FrameContext& context, const ReplayState& state, const Tile& tile, Frame& out,
                      RenderCounters& counters, const std::stop_token& stop) const {
     const int x0 = context.settings.x0(), y0 = context.settings.y0();
     GradientTile film(context, tile, out, kOffset);
@@ -138,17 +144,17 @@ class TemporalGradientPathIntegrator final : public Integrator {
     for (int y = tile.y0; y < tile.y1; ++y) {
       for (int x = tile.x0; x < tile.x1; ++x) {
         if (stop.stop_requested()) return false;
-        const ReplayMap::Source& from = plan.map.at(x, y);
+        const ReplayMap::Source& from = state.map.at(x, y);
         const int sx = from.x, sy = from.y;
         const bool replayed = sx >= 0;
         // What could not be seen before gets samples of its own: differences need samples on both sides.
-        PixelKey key{context.frame + kFillStreams, x, y};
+        PixelKey key{stream_number(StreamPurpose::kFill, context.frame), x, y};
         if (replayed) {
           key = {context.frame - 1, sx, sy};
           key.rotation_x = rotation(context.settings.filter, from.residue.x);
           key.rotation_y = rotation(context.settings.filter, from.residue.y);
         }
-        const int count = replayed && !plan.samples_before.empty() ? int(plan.samples_before.at(sx - x0, sy - y0))
+        const int count = replayed && !state.samples_before.empty() ? int(state.samples_before.at(sx - x0, sy - y0))
                                                                    : offset_samples(context.settings);
         film.sample(context, options_, x, y, key, 0, count, counters);
         const std::array<float, 3> values{replayed ? float(sx) : 0, replayed ? float(sy) : 0, replayed ? 1.0f : 0.0f};
@@ -174,11 +180,11 @@ class TemporalGradientPathIntegrator final : public Integrator {
 
 }  // namespace
 
-extern const IntegratorEntry temporal_gradient_path_entry;
-const IntegratorEntry temporal_gradient_path_entry{
+extern const MethodEntry temporal_gradient_path_entry;
+const MethodEntry temporal_gradient_path_entry{
     "temporal_gradient_path",
     "Temporal gradient-domain path tracing: differences over space and time for `tempera reconstruct`",
-    TemporalGradientPathIntegrator::params(),
-    [](const Params& p) -> std::unique_ptr<Integrator> { return std::make_unique<TemporalGradientPathIntegrator>(p); }};
+    TemporalGradientPath::params(),
+    [](const Params& p) -> std::unique_ptr<Method> { return std::make_unique<TemporalGradientPath>(p); }};
 
 }  // namespace tempera

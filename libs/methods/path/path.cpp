@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Path tracing with next-event estimation and multiple importance sampling.
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/method.h"
 #include "tempera/transport/path_tracer.h"
 #include "tempera/transport/pixel_motion.h"
 #include "tempera/transport/tile_film.h"
@@ -23,9 +23,9 @@ const std::vector<ParamSpec>& params() {
   return specs;
 }
 
-class PathIntegrator final : public Integrator {
+class PathMethod final : public Method {
  public:
-  explicit PathIntegrator(const Params& p)
+  explicit PathMethod(const Params& p)
       : options_(p),
         adaptive_error_(float(p.get_double("adaptive_error"))),
         adaptive_min_spp_(p.get_int("adaptive_min_spp")) {
@@ -36,9 +36,16 @@ class PathIntegrator final : public Integrator {
     return film_outputs(settings, "path");
   }
 
-  void render(const FrameContext& context, const Tile& tile, Frame& out, RenderCounters& counters,
-              std::stop_token stop) const override {
-    TileFilm film(context, tile, out);
+  std::vector<PassDesc> passes(const RenderSettings& /*settings*/, FrameRange /*section*/) const override {
+    return {{.name = "samples"}};
+  }
+  bool renders_single_pixels() const override { return adaptive_error_ == 0; }
+
+  void run(const SceneWindow& window, SectionState* /*state*/, const Unit& unit, UnitOutput& out,
+           RenderCounters& counters, std::stop_token stop) const override {
+    const FrameContext& context = window.frame(unit.frame);
+    const Tile& tile = unit.tile;
+    TileFilm film(context, tile, out.picture());
     std::uint64_t samples = 0, rays = 0, shadow_rays = 0;
     const auto take = [&](int x, int y, int index) {
       const CameraSample camera = camera_sample(context, x, y, index);
@@ -52,11 +59,11 @@ class PathIntegrator final : public Integrator {
       if (!film.add(x, y, index, camera, r)) counters.note_bad({context.frame, x, y, index, own_key(context, x, y)});
     };
     if (adaptive_error_ > 0 ? !sample_adaptively(tile, context.settings.spp, film, take, stop)
-                            : !sample_evenly(tile, context.settings.spp, take, stop)) {
+                            : !sample_evenly(tile, context.settings.spp, out, take, stop)) {
       return;
     }
-    film.write(out);
-    write_motion(context, tile, out);
+    film.write(out.picture());
+    write_motion(context, tile, out.picture());
     counters.samples += samples;
     counters.rays += rays;
     counters.shadow_rays += shadow_rays;
@@ -73,10 +80,12 @@ class PathIntegrator final : public Integrator {
  private:
   /// Both return false if they were stopped.
   template <class Take>
-  static bool sample_evenly(const Tile& tile, int spp, Take&& take, const std::stop_token& stop) {
+  static bool sample_evenly(const Tile& tile, int spp, const UnitOutput& out, Take&& take,
+                            const std::stop_token& stop) {
     for (int y = tile.y0; y < tile.y1; ++y) {
       for (int x = tile.x0; x < tile.x1; ++x) {
         if (stop.stop_requested()) return false;
+        if (!out.wants(x, y)) continue;
         for (int i = 0; i < spp; ++i) take(x, y, i);
       }
     }
@@ -121,9 +130,9 @@ class PathIntegrator final : public Integrator {
 
 }  // namespace
 
-extern const IntegratorEntry path_entry;
-const IntegratorEntry path_entry{
+extern const MethodEntry path_entry;
+const MethodEntry path_entry{
     "path", "Path tracing with next-event estimation and multiple importance sampling", params(),
-    [](const Params& p) -> std::unique_ptr<Integrator> { return std::make_unique<PathIntegrator>(p); }};
+    [](const Params& p) -> std::unique_ptr<Method> { return std::make_unique<PathMethod>(p); }};
 
 }  // namespace tempera

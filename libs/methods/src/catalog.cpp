@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: Apache-2.0
-// The list of integrators: adding one is one line here.
+// The list of methods: adding one is one line here.
 #include <fmt/format.h>
 
 #include "tempera/core/error.h"
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/method.h"
 
 namespace tempera {
 
-extern const IntegratorEntry path_entry;
-extern const IntegratorEntry gradient_path_entry;
-extern const IntegratorEntry temporal_gradient_path_entry;
+extern const MethodEntry path_entry;
+extern const MethodEntry gradient_path_entry;
+extern const MethodEntry temporal_gradient_path_entry;
 
-std::span<const IntegratorEntry* const> integrator_catalog() {
-  static const IntegratorEntry* const entries[] = {
+std::span<const MethodEntry* const> method_catalog() {
+  static const MethodEntry* const entries[] = {
       &path_entry,
       &gradient_path_entry,
       &temporal_gradient_path_entry,
@@ -20,9 +20,9 @@ std::span<const IntegratorEntry* const> integrator_catalog() {
   return entries;
 }
 
-const IntegratorEntry& find_integrator(const std::string& name, const SourceLoc& loc) {
+const MethodEntry& find_method(const std::string& name, const SourceLoc& loc) {
   std::vector<std::string> names;
-  for (const IntegratorEntry* e : integrator_catalog()) {
+  for (const MethodEntry* e : method_catalog()) {
     if (e->name == name) return *e;
     names.push_back(e->name);
   }

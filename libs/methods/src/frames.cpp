@@ -1,28 +1,23 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tempera/frames/cryptomatte.h"
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/method.h"
 #include "tempera/transport/cryptomatte_names.h"
 
 namespace tempera {
 
-Frame make_frame(const Integrator& integrator, const RenderSettings& settings, const Scene& scene) {
+Frame make_frame(const Method& method, const RenderSettings& settings, const Scene& scene) {
   const int width = settings.x1() - settings.x0(), height = settings.y1() - settings.y0();
   Frame frame(width, height);
   bool cryptomatte = false;
-  for (const LayerDesc& desc : integrator.outputs(settings)) {
+  for (const LayerDesc& desc : method.outputs(settings)) {
     frame.create(desc);
     cryptomatte |= desc.name.starts_with("CryptoObject");
   }
-  for (const LayerDesc& desc : integrator.work_layers(settings)) frame.create(desc);
+  for (const LayerDesc& desc : method.work_layers(settings)) frame.create(desc);
   if (cryptomatte) {
     CryptomatteBuffer(width, height).write(frame, cryptomatte_names(scene), "CryptoObject", settings.cryptomatte_depth);
   }
   return frame;
-}
-
-void finish_frame(const Integrator& integrator, const FrameContext& context, Frame& frame) {
-  integrator.finish(context, frame);
-  for (const LayerDesc& desc : integrator.work_layers(context.settings)) frame.remove(desc.name);
 }
 
 }  // namespace tempera

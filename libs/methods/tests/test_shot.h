@@ -9,7 +9,7 @@
 
 #include "support/effort.h"
 #include "tempera/core/parallel.h"
-#include "tempera/transport/frame_scene.h"
+#include "tempera/methods/render_section.h"
 
 namespace tempera {
 
@@ -55,44 +55,44 @@ struct TestShot {
     return scene.cameras.back();
   }
 
-  /// `only_for_next_frame`: only what the next frame needs of this one.
-  Frame render(int frame = 0, bool only_for_next_frame = false) const {
+  Frame render(int frame = 0) const {
+    const auto method = make_method();
+    GeometryCache cache;
+    RenderSettings scaled = settings;
+    scaled.spp *= test::effort();
+    return render(*method, scaled, cache, frame, method->passes(scaled, {frame, frame}));
+  }
+  std::unique_ptr<Method> make_method() const {
     validate(scene);
-    Params params(find_integrator(integrator).params);
+    Params params(find_method(integrator).params);
     for (std::size_t at = 0; at < parameters.size();) {
       const auto end = std::min(parameters.find(',', at), parameters.size()), equal = parameters.find('=', at);
       params.set_text(parameters.substr(at, equal - at), parameters.substr(equal + 1, end - equal - 1));
       at = end + 1;
     }
-    const auto renderer = find_integrator(integrator).make(params);
-    GeometryCache cache;
+    return find_method(integrator).make(params);
+  }
+
+ private:
+  /// The first passes of a frame, or all of them.
+  Frame render(const Method& method, const RenderSettings& scaled, GeometryCache& cache, int frame,
+               std::vector<PassDesc> passes) const {
+    const bool whole = passes.size() == method.passes(scaled, {frame, frame}).size();
     std::vector<std::string> expressions;
     for (const PathClass& c : settings.classes) expressions.push_back(c.expression);
     const LightPathClassifier classifier(expressions);
-    RenderSettings scaled = settings;
-    scaled.spp *= test::effort();
-    const FrameScene frame_scene(scene, scaled, classifier, frame, 1.0 / 16, cache);
-    const PrecedingFrame before(frame_scene);
-    FrameContext context = frame_scene.context(nullptr, only_for_next_frame);
-    std::optional<Frame> layers_before;
-    if (!only_for_next_frame && !renderer->layers_for_next_frame().empty()) layers_before = render(frame - 1, true);
-    const auto plan = renderer->prepare(context, renderer->frames_before() ? &before.context() : nullptr,
-                                        layers_before ? &*layers_before : nullptr);
-    context.plan = plan.get();
-    Frame out = make_frame(*renderer, scaled, scene);
-    RenderCounters counters;
-    const int nx = (settings.width + tile - 1) / tile, ny = (settings.height + tile - 1) / tile;
-    for (int round = 0; round < renderer->rounds(scaled); ++round) {
-      if (round > 0) renderer->next_round(context, out);
-      parallel_for(0, nx * ny, [&](std::int64_t i) {
-        const int x = int(i) % nx * tile, y = int(i) / nx * tile;
-        renderer->render(context, {x, y, std::min(x + tile, settings.width), std::min(y + tile, settings.height)}, out,
-                         counters, {});
-      });
-    }
-    EXPECT_EQ(counters.bad_samples, 0u);
-    finish_frame(*renderer, context, out);
-    return out;
+    SceneWindow window(scene, scaled, classifier, 1.0 / 16, cache, {frame, frame});
+    Section section(method, scaled, scene, {frame, frame}, {frame}, std::move(passes), tile);
+    SectionHooks hooks;
+    hooks.read = [&](int before, const LayerRead& read) {
+      std::vector<PassDesc> first = method.passes(scaled, {before, before});
+      while (first.back().name != read.pass) first.pop_back();
+      return render(method, scaled, cache, before, std::move(first)).layer(read.layer);
+    };
+    EXPECT_TRUE(render_section(method, window, section, {}, hooks, {}));
+    EXPECT_EQ(section.totals().bad_samples, 0u);
+    if (whole) section.finish(method);
+    return std::move(section.picture(frame));
   }
 };
 

@@ -47,7 +47,7 @@ struct Film {
     const CameraModel camera_model(shot.scene, 0, shot.settings.width, shot.settings.height, {0, 0}, 1);
     const LightPathClassifier classifier;
     const FrameContext context{shot.scene, rays, lights, camera_model, classifier, shot.settings, 0};
-    const auto integrator = find_integrator("path").make(Params(find_integrator("path").params));
+    const auto integrator = find_method("path").make(Params(find_method("path").params));
     Frame out = make_frame(*integrator, shot.settings, shot.scene);
     const Tile tile{0, 0, shot.settings.width, shot.settings.height};
     TileFilm film(context, tile, out);

@@ -202,6 +202,38 @@ std::optional<CameraModel::Projected> CameraModel::project(const Vec3f& point, d
   });
 }
 
+std::optional<Importance> CameraModel::importance(const Vec3f& point, const Vec2f& lens, double t) const {
+  return with_pose(t, [&](const Pose& p) -> std::optional<Importance> {
+    const Affine3d& m = p.world_from_camera;
+    const Affine3d camera_from_world = inverse(Affine3d{m.x, m.y, m.z});
+    const Vec3d local = camera_from_world.vector(Vec3d(point) - m.translation);
+    const double z = local.z;
+    if (!(z > near_ && z < far_)) return std::nullopt;
+    Vec3d offset;
+    if (p.aperture > 0) {
+      const Vec2f disk = square_to_disk(lens);
+      offset = p.lens_x * (disk.x * p.aperture) + p.lens_y * (disk.y * p.aperture);
+    }
+    // Back through the point in focus, as in ray().
+    const Vec3d shift = camera_from_world.vector(offset) * (perspective_ ? 1 / p.focus - 1 / z : z / p.focus - 1);
+    const double scale = perspective_ ? 1 / z : 1;
+    const double x = local.x * scale + shift.x, y = local.y * scale + shift.y;
+    const auto pixel = to_pixel(x / p.half_width, y / p.half_height);
+    if (!pixel) return std::nullopt;
+    const Vec3d o = m.translation + offset + (perspective_ ? Vec3d{} : m.x * x + m.y * y);
+    const Vec3d d = (perspective_ ? m.vector({x, y, 1}) : m.z) - offset / p.focus;
+    const double per_metre = length(d);
+    Importance r;
+    r.pixel = *pixel;
+    r.distance = float(z * per_metre);
+    r.ray = {Vec3f(o), Vec3f(d * (1 / per_metre)), float(near_ * per_metre), float(far_ * per_metre)};
+    // A pixel's part of the plane through the point, seen from the lens.
+    const double plane = std::abs(dot(cross(m.x, m.y), d)) / per_metre * (perspective_ ? z * z : 1);
+    r.we = float(size_.x * size_.y / (4 * p.half_width * p.half_height * plane));
+    return r;
+  });
+}
+
 std::optional<Vec2f> CameraModel::project_direction(const Vec3f& d, double t) const {
   if (!perspective_) return std::nullopt;
   return with_pose(t, [&](const Pose& p) -> std::optional<Vec2f> {

@@ -40,6 +40,8 @@ class LightChoice {
   }
 
   bool empty() const { return count_ == 0; }
+  /// Among all lights, wherever they shine.
+  const Discrete& by_power() const { return by_power_; }
 
   struct Pick {
     std::uint32_t light = 0;

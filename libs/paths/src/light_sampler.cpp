@@ -2,45 +2,12 @@
 #include "tempera/paths/light_sampler.h"
 
 #include <cmath>
-#include <unordered_map>
 
-#include "distribution.h"
-#include "light_choice.h"
+#include "light_sampler_impl.h"
 
 namespace tempera {
 
 namespace {
-
-/// A triangle of a light that does not move, ready for sampling.
-struct FixedTriangle {
-  Vec3f p, e1, e2, ng;
-};
-
-/// World transform of a node, evaluated once if it never moves.
-struct Place {
-  int node = -1;
-  bool fixed = false;
-  Affine3f world;
-};
-
-/// An emitting shape at one place.
-struct AreaLight {
-  std::uint32_t instance = 0, shape = 0;
-  const AreaEmission* emission = nullptr;
-  const Mesh* mesh = nullptr;        // null: analytic
-  Discrete triangles;                // by area at the reference time
-  float fixed_pdf_area = 0;          // 1 / area where the surface never moves; 0: ask at the time
-  std::vector<FixedTriangle> fixed;  // of a mesh that never moves
-  int analytic = -1;                 // index of the geometry variant: 1 sphere, 2 disk, 3 cylinder
-};
-
-/// Piecewise constant density over the texels of a latitude-longitude picture.
-struct EnvironmentMap {
-  const Environment* environment = nullptr;
-  Discrete rows;
-  std::vector<Discrete> columns;
-  Place place;
-};
 
 bool is_directed(const AreaEmission& e) { return e.half_spread < kPi / 2 || e.spot; }
 
@@ -58,7 +25,8 @@ float spread_factor(float half_spread, float cosine) {
   return std::max(0.0f, tan_spread - tangent) / norm;
 }
 
-/// How much of its intensity a spot sends in a direction, in its own frame with z the axis.
+}  // namespace
+
 Rgb spot_factor(const PunctualLight& light, const Vec3f& local, double t) {
   if (local.z <= 0) return Rgb(0.0f);
   const float cutoff = light.cutoff_angle.at(t), beam = std::min(light.beam_width.at(t), cutoff);
@@ -80,153 +48,6 @@ Rgb spot_factor(const PunctualLight& light, const Vec3f& local, double t) {
   s.uv = {0.5f + k * local.x, 0.5f + k * local.y};
   return light.texture->rgb(s) * falloff;
 }
-
-}  // namespace
-
-struct LightSampler::Impl {
-  const Scene* scene = nullptr;
-  const RayScene* rays = nullptr;
-  std::vector<AreaLight> areas;
-  std::vector<EnvironmentMap> environments;
-  std::unordered_map<std::uint64_t, std::uint32_t> area_index;  // (instance, shape) -> areas
-  LightChoice choice;                                           // areas, then punctual lights, then environments
-  TimeSpan span;                                                // of the rays
-  double reference_time = 0;                                    // its middle
-
-  /// Means over the span of what changes within it: a light that is off in the middle may shine at its ends. Keys are
-  /// looked at, and some times between.
-  template <class F, class... T>
-  float mean_over_span(F&& value, const Animated<T>&... sources) const {
-    constexpr int kTimes = 8;
-    if ((!sources.varies_over(span) && ...)) return value(reference_time);
-    double sum = 0;
-    int count = 0;
-    const auto add = [&](double t) { sum += value(t), ++count; };
-    for (int i = 0; i <= kTimes; ++i) add(span.begin + span.length() * i / kTimes);
-    const auto add_keys = [&](const auto& source) {
-      for (const double t : source.times()) {
-        if (span.contains(t)) add(t);
-      }
-    };
-    (add_keys(sources), ...);
-    return float(sum / count);
-  }
-
-  std::vector<Place> punctual_places;
-  Place place(int node) const {
-    return {node, !scene->moves(node, {-kInfinity, kInfinity}), Affine3f(scene->world(node, reference_time))};
-  }
-  Affine3f world(const Place& p, double t) const { return p.fixed ? p.world : Affine3f(scene->world(p.node, t)); }
-
-  /// A direction, and where it points in the picture of one environment.
-  struct MapPoint {
-    Vec3f d;
-    Vec2f uv;
-    float sin_theta = 0;
-  };
-  MapPoint map_point(const EnvironmentMap& e, const Vec3f& d, double t) const {
-    if (e.environment->image.empty()) return {d, {}, 0};
-    const Vec3f local = world(e.place, t).transposed_vector(d);
-    const float u = std::atan2(local.x, -local.z) * (0.5f * kInvPi);
-    return {d,
-            {u < 0 ? u + 1 : u, std::acos(std::clamp(local.y, -1.0f, 1.0f)) * kInvPi},
-            std::sqrt(std::max(0.0f, 1 - local.y * local.y))};
-  }
-  static Rgb texture(const Environment& e, const Vec2f& uv) {
-    const float x = uv.x * float(e.width) - 0.5f,
-                y = std::clamp(uv.y * float(e.height) - 0.5f, 0.0f, float(e.height - 1));
-    const int x0 = int(std::floor(x)), y0 = int(y), y1 = std::min(y0 + 1, e.height - 1);
-    const float fx = x - float(x0), fy = y - float(y0);
-    const auto at = [&](int i, int j) -> const Rgb& {
-      i = i < 0 ? i + e.width : i >= e.width ? i - e.width : i;
-      return e.image[std::size_t(j) * std::size_t(e.width) + std::size_t(i)];
-    };
-    return (at(x0, y0) * (1 - fx) + at(x0 + 1, y0) * fx) * (1 - fy) +
-           (at(x0, y1) * (1 - fx) + at(x0 + 1, y1) * fx) * fy;
-  }
-  Rgb radiance(const EnvironmentMap& e, const MapPoint& at, double t) const {
-    const Rgb factor = e.environment->radiance.at(t);
-    return e.environment->image.empty() ? factor : factor * texture(*e.environment, at.uv);
-  }
-  float pdf(const EnvironmentMap& e, const MapPoint& at) const {
-    if (e.environment->image.empty()) return 0.25f * kInvPi;
-    if (at.sin_theta <= 0) return 0;
-    const int w = e.environment->width, h = e.environment->height;
-    const auto row = std::uint32_t(std::clamp(int(at.uv.y * float(h)), 0, h - 1));
-    const auto column = std::uint32_t(std::clamp(int(at.uv.x * float(w)), 0, w - 1));
-    return e.rows.probability(row) * e.columns[row].probability(column) * float(w) * float(h) /
-           (2 * kPi * kPi * at.sin_theta);
-  }
-  MapPoint sample_direction(const EnvironmentMap& e, double t, Vec2f u) const {
-    if (e.environment->image.empty()) {
-      const float z = 1 - 2 * u.x, r = std::sqrt(std::max(0.0f, 1 - z * z)), phi = 2 * kPi * u.y;
-      return {{r * std::cos(phi), r * std::sin(phi), z}, {}, 0};
-    }
-    const std::uint32_t row = e.rows.sample(u.y), column = e.columns[row].sample(u.x);
-    const Vec2f uv{(float(column) + u.x) / float(e.environment->width),
-                   (float(row) + u.y) / float(e.environment->height)};
-    const float phi = 2 * kPi * uv.x, theta = kPi * uv.y, s = std::sin(theta);
-    const Vec3f local{s * std::sin(phi), std::cos(theta), -s * std::cos(phi)};
-    return {normalize(world(e.place, t).vector(local)), uv, s};
-  }
-  std::size_t first_environment() const { return areas.size() + scene->lights.size(); }
-
-  static constexpr std::size_t kNone = ~std::size_t(0);
-  /// A directional light that comes from a disk of the sky, evenly: the directions of a cone.
-  struct Sun {
-    std::size_t light = 0;              // Scene::lights index
-    float one_minus_cos = 0, sin2 = 0;  // of half of its angle
-  };
-  std::vector<Sun> suns;
-  /// Radiance that gives the light's irradiance on a surface that faces the middle of the disk: E / (pi sin^2).
-  Rgb radiance(const Sun& sun, double t) const {
-    const PunctualLight& light = scene->lights[sun.light];
-    return light.intensity.at(t) * (light.intensity_scale.at(t) * kInvPi / sun.sin2);
-  }
-  float pdf(const Sun& sun) const { return 0.5f * kInvPi / sun.one_minus_cos; }
-  /// Towards the middle of the disk.
-  Vec3f direction(const Sun& sun, double t) const { return -normalize(world(punctual_places[sun.light], t).z); }
-  bool contains(const Sun& sun, const Vec3f& d, double t) const {
-    const Vec3f middle = direction(sun, t);
-    // 1 - cos of small angles needs the difference: |d - m|^2 = 2 (1 - cos).
-    return length_squared(d - middle) <= 2 * sun.one_minus_cos * (1 + 1e-4f);  // as sampled, rounding included
-  }
-  const Sun* sun_of(std::size_t light) const {
-    for (const Sun& s : suns) {
-      if (s.light == light) return &s;
-    }
-    return nullptr;
-  }
-
-  /// Center and radius if the light is a sphere under a similarity at time t.
-  struct RoundSphere {
-    Vec3f center;
-    float radius = 0;
-  };
-  std::optional<RoundSphere> round_sphere(const AreaLight& light, double t) const {
-    if (light.analytic != 1) return std::nullopt;
-    const Affine3f m = world_from_unit(light, t);
-    const float a = length(m.x), b = length(m.y), c = length(m.z), eps = 1e-4f * a;
-    if (std::abs(a - b) > eps || std::abs(a - c) > eps) return std::nullopt;
-    return RoundSphere{m.translation, a};
-  }
-  Affine3f world_from_unit(const AreaLight& light, double t) const {
-    return rays->world_from_unit(light.instance, light.shape, t);
-  }
-
-  float pdf_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& ng, double t) const;
-  // These fill a fresh sample; false: there is no direction to the light. Densities lack the choice of the light,
-  // except for environments, which are one light.
-  bool sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u, LightSample& r) const;
-  bool from_area(const AreaLight& light, const Vec3f& p, double t, LightSample& r) const;
-  /// `index`: of the environment in whose picture `at` lies; kNone: of none.
-  bool from_infinity(std::size_t index, const MapPoint& at, const Vec3f& p, double t, LightSample& r) const;
-  Rgb directed(const AreaEmission& emission, const Vec3f& ng, const Vec3f& wo, double t) const;
-  bool from_punctual(std::size_t index, const Vec3f& p, double t, LightSample& r) const;
-  std::optional<float> cap_pdf(const AreaLight& light, const Vec3f& q, const Vec3f& p, double t) const;
-  float area_of(const AreaLight& light, double t) const;
-  LightReach reach_of(const AreaLight& light, float radiance) const;
-};
 
 LightSampler::LightSampler(LightSampler&&) noexcept = default;
 LightSampler::~LightSampler() = default;
@@ -325,8 +146,8 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
                                         light.cutoff_angle);
     const bool shown = scene.visible(light.node, s.reference_time);
     if (shown && light.type == LightType::kDirectional && light.angle > 0) {
-      const float half = 0.5f * light.angle, sine = std::sin(0.5f * half);
-      s.suns.push_back({s.punctual_places.size() - 1, 2 * sine * sine, sqr(std::sin(half))});
+      const float half = 0.5f * light.angle;
+      s.suns.push_back({s.punctual_places.size() - 1, one_minus_cosine(half), sqr(std::sin(half))});
     }
     LightReach reach;
     if (shown && light.type == LightType::kDirectional) reach.constant = intensity;
@@ -393,6 +214,7 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
     for (float& p : powers) p = p > 0 ? float(0.5 * p / total + 0.5 / double(usable)) : 0;
   }
   s.choice = LightChoice(reaches, powers);
+  s.emits = total > 0;
 }
 
 float LightSampler::Impl::pdf_area(const AreaLight& light, const SurfacePoint& point, const Vec3f& ng, double t) const {
@@ -422,15 +244,8 @@ Rgb LightSampler::Impl::directed(const AreaEmission& emission, const Vec3f& ng, 
 
 inline bool LightSampler::Impl::sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u,
                                             LightSample& r) const {
-  SurfacePoint& point = r.point.emplace();
-  point.instance = light.instance;
-  point.shape = light.shape;
-  if (light.mesh) {
-    point.primitive = light.triangles.sample(u1);
-    // Uniform barycentrics without the square root's distortion [Heitz 2019, A Low-Distortion Map].
-    const float half = 0.5f * std::min(u.x, u.y);
-    point.u = u.x - half, point.v = u.y - half;
-  } else if (const auto sphere = round_sphere(light, t)) {
+  SurfacePoint& point = r.point.emplace(even_point(light, u1, u));
+  if (const auto sphere = round_sphere(light, t)) {
     const Vec3f to_center = sphere->center - p;
     const float d2 = length_squared(to_center), r2 = sqr(sphere->radius);
     const Affine3f unit_from_world = inverse(world_from_unit(light, t));
@@ -448,14 +263,7 @@ inline bool LightSampler::Impl::sample_area(const AreaLight& light, const Vec3f&
       point.u = std::atan2(n.y, n.x) * (0.5f * kInvPi);
       if (point.u < 0) point.u += 1;
       point.v = std::acos(std::clamp(n.z, -1.0f, 1.0f)) * kInvPi;
-    } else {
-      point.u = u.x;
-      point.v = std::acos(1 - 2 * u.y) * kInvPi;
     }
-  } else {
-    point.u = u.x, point.v = u.y;
-    if (light.analytic == 1) point.v = std::acos(1 - 2 * u.y) * kInvPi;
-    if (light.analytic == 2) point.u = std::sqrt(u.x);
   }
   return from_area(light, p, t, r);
 }
@@ -477,15 +285,8 @@ std::optional<float> LightSampler::Impl::cap_pdf(const AreaLight& light, const V
 /// Light from the point of an area light that `r` holds.
 inline bool LightSampler::Impl::from_area(const AreaLight& light, const Vec3f& p, double t, LightSample& r) const {
   const SurfacePoint& point = *r.point;
-  Vec3f q, ng;
-  if (light.fixed.empty()) {
-    q = rays->position(point, t, &ng);
-  } else {
-    const FixedTriangle& f = light.fixed[point.primitive];
-    q = f.p + f.e1 * point.u + f.e2 * point.v;
-    ng = f.ng;
-  }
-  const Vec3f to_light = q - p;
+  Vec3f ng;
+  const Vec3f q = position(light, point, t, ng), to_light = q - p;
   const float d2 = length_squared(to_light);
   if (!(d2 > 0)) return false;
   r.distance = std::sqrt(d2);
@@ -579,9 +380,7 @@ std::optional<LightSample> LightSampler::sample(const Vec3f& p, double t, float 
     r.pdf *= probability;
   } else if (light < s.first_environment()) {
     if (const Impl::Sun* sun = s.sun_of(light - s.areas.size())) {
-      const float h = u.x * sun->one_minus_cos, sine = std::sqrt(std::max(0.0f, h * (2 - h))), phi = 2 * kPi * u.y;
-      const Basis b(s.direction(*sun, t));
-      const Vec3f d = normalize(b.n * (1 - h) + (b.s * std::cos(phi) + b.t * std::sin(phi)) * sine);
+      const Vec3f d = sample_cone(s.direction(*sun, t), sun->one_minus_cos, u);
       found = s.from_infinity(Impl::kNone, {d, {}, 0}, p, t, r);
     } else {
       found = s.from_punctual(light - s.areas.size(), p, t, r);

@@ -61,6 +61,7 @@ struct PixelFilter::Table {
   std::array<float, kBins + 1> cdf{};
   std::array<std::uint16_t, kBins> first_bin{};  ///< the bin of cdf value i / kBins: where a search begins
   float scale = 1;                               ///< integral of |filter| over integral of the filter
+  double integral = 1;                           ///< of the filter
 
   explicit Table(FilterKind kind) {
     std::vector<double> sum(kBins + 1);
@@ -77,6 +78,7 @@ struct PixelFilter::Table {
       first_bin[std::size_t(i)] = std::uint16_t(bin);
     }
     scale = float(sum.back() / total);
+    integral = total;
   }
 
   /// Inverse of the distribution at u in [0,1).
@@ -95,9 +97,16 @@ PixelFilter::PixelFilter(FilterKind kind, float radius) : kind_(kind), radius_(r
                 fmt::format("the filter radius {} is not in [0.01, 32] (or 0 for the usual one)", radius));
   }
   if (kind != FilterKind::kBox && kind != FilterKind::kTent) table_ = std::make_shared<const Table>(kind);
+  const double integral = table_ ? table_->integral : kind == FilterKind::kBox ? 2 : 1;
+  norm_ = float(1 / (integral * double(radius_)));
 }
 
 float PixelFilter::evaluate(float x) const { return float(profile(kind_, double(x) / radius_)); }
+
+float PixelFilter::density(const Vec2f& offset) const {
+  const auto along = [&](float x) { return x >= -radius_ && x < radius_ ? evaluate(x) * norm_ : 0.0f; };
+  return along(offset.x) * along(offset.y);
+}
 
 float PixelFilter::sample_axis(float u) const {
   if (kind_ == FilterKind::kBox) return 2 * u - 1;

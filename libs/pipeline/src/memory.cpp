@@ -38,9 +38,6 @@ std::uint64_t mesh_memory(const Mesh& m) {
   return n;
 }
 
-/// What integrators keep of a pixel from one round to the next, in bytes.
-constexpr double kSumsOfPixel = 720;
-
 struct Parts {
   double structures = 0, vertices = 0, frames = 0;
   double sum() const { return structures + vertices + frames; }
@@ -70,13 +67,21 @@ Parts estimate(const Shot& shot, const Scene& scene) {
     }
   }
   double channels = 0, work = 0;
-  const auto integrator = find_integrator(shot.integrator).make(shot.params);
-  for (const LayerDesc& d : integrator->outputs(s)) channels += d.channel_count();
-  for (const LayerDesc& d : integrator->work_layers(s)) work += d.channel_count();
+  const auto method = find_method(shot.integrator).make(shot.params);
+  for (const LayerDesc& d : method->outputs(s)) channels += d.channel_count();
+  for (const LayerDesc& d : method->work_layers(s)) work += d.channel_count();
+  const int some_frame = shot.frames.empty() ? shot.sequence.first : shot.frames[0];
+  const FrameRange section = method->section(s, shot.sequence, some_frame);
+  double kept = 0, splats = 0;
+  for (const PassDesc& pass : method->passes(s, section)) {
+    kept = std::max(kept, double(pass.memory));
+    splats += double(pass.splats.size());
+  }
   // One frame renders, one waits to be written, one is being written together with its encoded form.
   const double pixels = double(s.x1() - s.x0()) * double(s.y1() - s.y0());
-  p.frames = (4.0 * channels + work) * pixels * sizeof(float);
-  if (integrator->rounds(s) > 1) p.frames += kSumsOfPixel * pixels;
+  const double together = double(section.last - section.first) + 1;
+  p.frames = (3.0 * channels + together * (channels + work)) * pixels * sizeof(float);
+  p.frames += together * pixels * (kept + splats * 3 * sizeof(std::int64_t));
   return p;
 }
 

@@ -22,22 +22,22 @@ std::string rate_text(double per_second) {
   return fmt::format("{:.0f} ksamples/s", per_second / 1e3);
 }
 
-/// Counts tiles over the whole sequence; calls `update` at most every `interval` seconds.
+/// Counts units of work over the whole sequence; calls `update` at most every `interval` seconds.
 class Counting : public RenderObserver {
  public:
   void begin(const RenderPlan& plan) override {
     const std::scoped_lock lock(mutex_);
     begin_ = last_ = now();
     frames_ = plan.frames.size();
-    tiles_per_frame_ = std::max<std::size_t>(plan.tiles, 1);
+    units_ = plan.units;
     started(plan);
   }
-  void frame_begin(int frame, const Frame&, std::size_t tiles_done) override {
+  void frame_begin(int frame, const Frame&, std::size_t units_done) override {
     const std::scoped_lock lock(mutex_);
     frame_ = frame;
     ++index_;
-    done_ += tiles_done;
-    brought_ += tiles_done;
+    done_ += units_done;
+    brought_ += units_done;
     frame_started();
   }
   void tile_done(int, const Frame&, const Tile&, const RenderTotals& totals) override {
@@ -67,14 +67,13 @@ class Counting : public RenderObserver {
   virtual void finished(const RenderReport&) {}
 
   double fraction() const {
-    const double all = double(frames_ * tiles_per_frame_);
-    return all > 0 ? std::min(1.0, double(done_) / all) : 1.0;
+    return units_ > 0 ? std::min(1.0, double(done_) / double(units_)) : 1.0;
   }
   double elapsed() const { return now() - begin_; }
   /// Negative while there is nothing to judge by.
   double seconds_left() const {
     const double here = double(done_ - brought_);
-    return here > 0 ? elapsed() / here * (double(frames_ * tiles_per_frame_) - double(done_)) : -1;
+    return here > 0 ? elapsed() / here * (double(units_) - double(done_)) : -1;
   }
   double samples_per_second() const { return elapsed() > 0 ? double(samples_) / elapsed() : 0; }
 
@@ -84,7 +83,7 @@ class Counting : public RenderObserver {
 
  private:
   double interval_, begin_ = 0, last_ = 0;
-  std::size_t tiles_per_frame_ = 1, done_ = 0, brought_ = 0;
+  std::size_t units_ = 0, done_ = 0, brought_ = 0;
   std::uint64_t samples_ = 0;
 };
 

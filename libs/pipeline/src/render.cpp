@@ -9,28 +9,19 @@
 #include <condition_variable>
 #include <cstdlib>
 #include <filesystem>
+#include <map>
 #include <mutex>
 #include <optional>
 #include <thread>
 
 #include "checkpoint.h"
+#include "hash.h"
 #include "tempera/core/log.h"
 #include "tempera/core/parallel.h"
 #include "tempera/frames/files.h"
-#include "tempera/transport/frame_scene.h"
+#include "tempera/methods/render_section.h"
 
 namespace tempera {
-
-RenderTotals& RenderTotals::operator+=(const RenderTotals& o) {
-  samples += o.samples;
-  rays += o.rays;
-  shadow_rays += o.shadow_rays;
-  bad_samples += o.bad_samples;
-  for (const BadSample& b : o.first_bad) {
-    if (first_bad.size() < 16) first_bad.push_back(b);
-  }
-  return *this;
-}
 
 namespace {
 
@@ -40,33 +31,20 @@ double now() { return std::chrono::duration<double>(std::chrono::steady_clock::n
 struct Sequence {
   const Shot& shot;
   const Scene& scene;
-  std::unique_ptr<Integrator> integrator;
+  std::unique_ptr<Method> method;
   std::vector<LayerDesc> layers;
   LightPathClassifier classifier;
   GeometryCache cache;
-  int width, height;        ///< of the crop window
-  std::vector<Tile> tiles;  ///< pixels of the files
-  std::vector<std::size_t> order;
+  int width, height;  ///< of the crop window
 
   Sequence(const Shot& shot_, const Scene& scene_)
       : shot(shot_),
         scene(scene_),
-        integrator(find_integrator(shot_.integrator).make(shot_.params)),
-        layers(integrator->outputs(shot_.settings)),
+        method(find_method(shot_.integrator).make(shot_.params)),
+        layers(method->outputs(shot_.settings)),
         classifier(expressions(shot_.settings)),
         width(shot_.settings.x1() - shot_.settings.x0()),
-        height(shot_.settings.y1() - shot_.settings.y0()),
-        tiles(make_tiles(width, height)),
-        order(tiles.size()) {
-    // From the center outwards, ring by ring, as there the subject is. Results do not depend on it.
-    for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
-    const auto key = [&](std::size_t i) {
-      const Tile& t = tiles[i];
-      const double x = 0.5 * (t.x0 + t.x1 - width) / kTileSize, y = 0.5 * (t.y0 + t.y1 - height) / kTileSize;
-      return std::pair(std::lround(std::max(std::abs(x), std::abs(y))), std::atan2(y, x));
-    };
-    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return key(a) < key(b); });
-  }
+        height(shot_.settings.y1() - shot_.settings.y0()) {}
 
   static std::vector<std::string> expressions(const RenderSettings& settings) {
     std::vector<std::string> out;
@@ -75,71 +53,58 @@ struct Sequence {
   }
 
   double motion_step() const { return shot.settings.clock.frame_duration() / shot.motion_segments; }
+  FrameRange section(int frame) const { return method->section(shot.settings, shot.sequence, frame); }
+  SceneWindow window(FrameRange section) {
+    return {scene, shot.settings, classifier, motion_step(), cache, section};
+  }
+  std::unique_ptr<Section> make_section(FrameRange range, std::vector<int> frames, std::vector<PassDesc> passes) const {
+    return std::make_unique<Section>(*method, shot.settings, scene, range, std::move(frames), std::move(passes));
+  }
 };
 
-/// What rays of one frame meet, and what its integrator made of that.
-struct PreparedFrame {
-  FrameScene scene;
-  std::unique_ptr<FramePlan> plan;
-  bool only_for_next_frame;
-
-  /// `rendered`: as Integrator::prepare takes it; `only_for_next_frame`: whether only what the next frame needs is
-  /// wanted.
-  PreparedFrame(Sequence& q, int frame, const Frame* rendered, bool only_for_next_frame_ = false)
-      : scene(q.scene, q.shot.settings, q.classifier, frame, q.motion_step(), q.cache),
-        only_for_next_frame(only_for_next_frame_) {
-    if (q.integrator->frames_before() == 0 || only_for_next_frame) {
-      plan = q.integrator->prepare(context(), nullptr, nullptr);
-      return;
-    }
-    const PrecedingFrame before(scene);
-    plan = q.integrator->prepare(context(), &before.context(), rendered);
-  }
-  FrameContext context() const { return scene.context(plan.get(), only_for_next_frame); }
+/// Frames that are rendered together.
+struct Job {
+  FrameRange range;
+  std::vector<int> frames;  ///< those that are wanted, ascending
 };
 
-RenderTotals totals_of(RenderCounters& c) { return {c.samples, c.rays, c.shadow_rays, c.bad_samples, c.first_bad}; }
-
-/// Renders the tiles of `state` that are not done into `frame`. `finished(tile, totals)` is called without
-/// `mutex` after a tile is marked done.
-void render_tiles(const Sequence& q, const FrameContext& c, Frame& frame, CheckpointState& state, std::mutex& mutex,
-                  std::stop_token stop, const std::function<void(const Tile&, const RenderTotals&)>& finished) {
-  std::vector<std::size_t> missing;
-  for (const std::size_t i : q.order) {
-    if (!state.done[i]) missing.push_back(i);
+/// In the order in which the frames are wanted.
+std::vector<Job> jobs_of(const Sequence& q, std::span<const int> frames) {
+  std::vector<Job> jobs;
+  std::map<int, std::size_t> known;  // by the section's first frame
+  for (const int f : frames) {
+    const FrameRange range = q.section(f);
+    const auto [at, is_new] = known.try_emplace(range.first, jobs.size());
+    if (is_new) jobs.push_back({range, {}});
+    jobs[at->second].frames.push_back(f);
   }
-  // Taken in order from a counter: a parallel loop alone would start in the middle of the list.
-  std::atomic<std::size_t> next{0};
-  parallel_for(0, std::int64_t(missing.size()), [&](std::int64_t) {
-    if (stop.stop_requested()) return;
-    const std::size_t i = missing[next++];
-    const Tile& t = q.tiles[i];
-    const int dx = c.settings.x0(), dy = c.settings.y0();
-    RenderCounters counters;
-    q.integrator->render(c, {t.x0 + dx, t.y0 + dy, t.x1 + dx, t.y1 + dy}, frame, counters, stop);
-    if (stop.stop_requested()) return;  // it may be incomplete
-    const RenderTotals totals = totals_of(counters);
-    {
-      const std::scoped_lock lock(mutex);
-      state.done[i] = 1;
-      state.totals += totals;
-    }
-    finished(t, totals);
-  });
+  for (Job& j : jobs) std::sort(j.frames.begin(), j.frames.end());
+  return jobs;
 }
 
-/// Renders all rounds of a frame, each as render_tiles does; `state` is that of the last.
-void render_rounds(const Sequence& q, const FrameContext& c, Frame& frame, CheckpointState& state, std::mutex& mutex,
-                   const std::stop_token& stop, const std::function<void(const Tile&, const RenderTotals&)>& finished) {
-  const int rounds = q.integrator->rounds(c.settings);
-  for (int round = 0; round < rounds; ++round) {
-    if (round > 0) {
-      std::fill(state.done.begin(), state.done.end(), 0);
-      if (stop.stop_requested()) return;
-      q.integrator->next_round(c, frame);
-    }
-    render_tiles(q, c, frame, state, mutex, stop, finished);
+std::size_t units_of(const Sequence& q, const Job& job) {
+  std::size_t n = 0;
+  const std::size_t tiles = make_tiles(q.width, q.height).size() * job.frames.size();
+  for (const PassDesc& pass : q.method->passes(q.shot.settings, job.range))
+    n += pass.domain == PassDesc::Domain::kTiles ? tiles : std::size_t(pass.units);
+  return n;
+}
+
+/// The image that says which pixels of a frame are wanted. Errors: those of read_frame; Error{kBadInput}.
+Image read_mask(const Shot& shot, int frame) {
+  const std::string path = frame_path(shot.mask, frame);
+  const Frame file = read_frame(path, {.decode = false});
+  if (file.width() != shot.settings.width || file.height() != shot.settings.height) {
+    throw Error(ErrorCode::kBadInput, {path},
+                fmt::format("this mask has {}x{} pixels, the picture has {}x{}", file.width(), file.height(),
+                            shot.settings.width, shot.settings.height));
   }
+  const Image& first = file.layers().front().image;
+  Image mask(first.width(), first.height(), 1);
+  for (int y = 0; y < mask.height(); ++y) {
+    for (int x = 0; x < mask.width(); ++x) mask.at(x, y) = first.at(x, y);
+  }
+  return mask;
 }
 
 RenderInfo render_info_of(const Sequence& q, int frame) {
@@ -204,37 +169,51 @@ bool is_finished(const Sequence& q, int frame, const std::string& path) {
   return false;
 }
 
-/// The layers of a frame that the next one needs_before over.
-Frame keep_layers_for_next_frame(const Sequence& q, const Frame& frame) {
-  Frame result(frame.width(), frame.height());
-  for (const std::string& name : q.integrator->layers_for_next_frame()) {
-    const Layer* layer = frame.find(name);
-    result.create(layer->desc) = layer->image;
-  }
-  return result;
-}
+/// Layers of finished frames that passes of later ones read, as Method::begin_pass takes them.
+class EarlierLayers {
+ public:
+  EarlierLayers(Sequence& q, std::stop_token stop) : q_(q), stop_(std::move(stop)) {}
 
-/// Those layers from the file of the frame, if it holds what would be rendered, else rendered for them alone.
-Frame layers_of_frame_before(Sequence& q, int frame, const std::stop_token& stop) {
-  const std::string path = frame_path(q.shot.output, frame);
-  try {
-    if (std::error_code ignored;
-        std::filesystem::exists(path, ignored) && has_fingerprint(q, frame, read_metadata(path))) {
-      ReadOptions options;
-      options.layers = q.integrator->layers_for_next_frame();
-      return read_frame(path, options);
+  /// From memory, from the frame's file if it holds what would be rendered, else rendered as far as it takes.
+  Image read(int frame, const LayerRead& read) {
+    if (const auto known = kept_.find({frame, read.layer}); known != kept_.end()) return known->second;
+    const std::string path = frame_path(q_.shot.output, frame);
+    try {
+      if (std::error_code ignored;
+          std::filesystem::exists(path, ignored) && has_fingerprint(q_, frame, read_metadata(path))) {
+        return read_frame(path, {.layers = {read.layer}}).layer(read.layer);
+      }
+    } catch (const Error& e) {
+      log_debug(fmt::format("frame {}: {} cannot be used: {}", frame, path, e.message()));
     }
-  } catch (const Error& e) {
-    log_debug(fmt::format("frame {}: {} cannot be used: {}", frame, path, e.message()));
+    log_info(fmt::format("frame {}: first rendering what it needs of frame {}", frame - read.frame_offset, frame));
+    const FrameRange range = q_.section(frame);
+    std::vector<PassDesc> passes = q_.method->passes(q_.shot.settings, range);
+    while (passes.back().name != read.pass) passes.pop_back();
+    const auto section = q_.make_section(range, {frame}, std::move(passes));
+    SceneWindow window = q_.window(range);
+    SectionHooks hooks;
+    hooks.read = [this](int f, const LayerRead& r) { return this->read(f, r); };
+    render_section(*q_.method, window, *section, {}, hooks, stop_);
+    return section->picture(frame).layer(read.layer);
   }
-  log_info(fmt::format("frame {}: first rendering what it needs of the frame before", frame + 1));
-  Frame picture = make_frame(*q.integrator, q.shot.settings, q.scene);
-  const PreparedFrame prepared(q, frame, nullptr, true);
-  CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
-  std::mutex mutex;
-  render_rounds(q, prepared.context(), picture, state, mutex, stop, [](const Tile&, const RenderTotals&) {});
-  return keep_layers_for_next_frame(q, picture);
-}
+  /// Keeps what the frames after `frame` may read of it, instead of what was kept of earlier ones.
+  void keep(int frame, const Frame& picture, std::span<const PassDesc> passes) {
+    int farthest = 0;
+    for (const PassDesc& pass : passes) {
+      for (const LayerRead& r : pass.reads) {
+        kept_[{frame, r.layer}] = picture.layer(r.layer);
+        farthest = std::min(farthest, r.frame_offset);
+      }
+    }
+    std::erase_if(kept_, [&](const auto& k) { return k.first.first <= frame + farthest; });
+  }
+
+ private:
+  Sequence& q_;
+  std::stop_token stop_;
+  std::map<std::pair<int, std::string>, Image> kept_;
+};
 
 /// Refuses before rendering a camera that some frame cannot be seen through. Errors: those of CameraModel.
 void check_camera(const Sequence& q, std::span<const int> frames) {
@@ -290,11 +269,12 @@ class FrameWriter {
   FrameWriter& operator=(const FrameWriter&) = delete;
 
   /// Waits while another frame waits. Errors: those of an earlier write.
-  void push(Frame frame, FrameReport report, const WriteOptions& options) {
+  /// `then_remove`: a file that is needed no more once the frame is written; may be empty.
+  void push(Frame frame, FrameReport report, const WriteOptions& options, std::string then_remove) {
     std::unique_lock lock(mutex_);
     changed_.wait(lock, [&] { return !waiting_ || error_; });
     rethrow();
-    waiting_ = Job{std::move(frame), std::move(report), options};
+    waiting_ = Writing{std::move(frame), std::move(report), options, std::move(then_remove)};
     changed_.notify_all();
   }
   /// Returns when everything is written. Errors: those of a write.
@@ -309,10 +289,11 @@ class FrameWriter {
   }
 
  private:
-  struct Job {
+  struct Writing {
     Frame frame;
     FrameReport report;
     WriteOptions options;
+    std::string then_remove;
   };
   void rethrow() {
     if (error_) std::rethrow_exception(error_);
@@ -322,7 +303,7 @@ class FrameWriter {
     for (;;) {
       changed_.wait(lock, [&] { return waiting_ || closing_; });
       if (!waiting_ || error_) return;
-      Job job = std::move(*waiting_);
+      Writing job = std::move(*waiting_);
       waiting_.reset();
       busy_ = true;
       changed_.notify_all();
@@ -331,7 +312,7 @@ class FrameWriter {
       try {
         write_frame(job.report.path, job.frame, job.options);
         std::error_code ignored;
-        std::filesystem::remove(checkpoint_path(job.report.path), ignored);
+        if (!job.then_remove.empty()) std::filesystem::remove(job.then_remove, ignored);
         written_(job.report);
       } catch (...) {
         error = std::current_exception();
@@ -348,7 +329,7 @@ class FrameWriter {
   std::stop_source failed_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::optional<Job> waiting_;
+  std::optional<Writing> waiting_;
   bool busy_ = false, closing_ = false;
   std::exception_ptr error_;
   std::thread thread_;  // last: it uses all of the above
@@ -374,6 +355,151 @@ class PeriodicCheckpoint {
   std::jthread thread_;  // last: its destructor stops and joins first
 };
 
+/// Renders one job from where its checkpoint stands, and hands its frames to the writer.
+class JobRender {
+ public:
+  JobRender(Sequence& q, const Job& job, const RenderOptions& options, std::span<RenderObserver* const> observers,
+            EarlierLayers& earlier)
+      : q_(q), job_(job), options_(options), observers_(observers), earlier_(earlier) {
+    section_ = make_section();
+    const std::string first = frame_path(q.shot.output, job.frames[0]);
+    store_ = options.part.count > 1 ? part_path(first, options.part) : checkpoint_path(first);
+    record_.method = q.shot.integrator;
+    record_.parameters = q.shot.params.canonical();
+    record_.write = q.shot.write;
+    std::string fingerprints;
+    for (const int f : job.frames) {
+      fingerprints += fingerprint(q.shot, q.scene, f) + " ";
+      record_.frames.push_back({std::filesystem::path(frame_path(q.shot.output, f)).filename().string(), metadata(f)});
+    }
+    record_.fingerprint = hash_hex(fingerprints);
+    for (const int f : job.frames) {
+      if (!q.shot.mask.empty()) masks_[f] = read_mask(q.shot, f);
+    }
+  }
+
+  /// Continues what was interrupted.
+  void resume() {
+    std::string why;
+    if (std::error_code ignored; !std::filesystem::exists(store_, ignored)) return;
+    if (load_checkpoint(store_, record_, *section_, why)) {
+      log_info(fmt::format("{}: continuing from {} with {} of {} units done", title(), store_, section_->units_done(),
+                           section_->units()));
+    } else {
+      section_ = make_section();
+      log_info(fmt::format("{}: starting over, because {} cannot be used: {}", title(), store_, why));
+    }
+  }
+
+  /// Returns whether the section, or the part of it, is done.
+  bool run(const std::stop_token& stop) {
+    begin_ = now();
+    earlier_seconds_ = record_.seconds;
+    for (const int f : job_.frames) {
+      const std::size_t brought = f == job_.frames[0] ? std::size_t(section_->units_done()) : 0;
+      for (RenderObserver* o : observers_) o->frame_begin(f, section_->picture(f), brought);
+    }
+    SceneWindow window = q_.window(job_.range);
+    SectionHooks hooks;
+    hooks.read = [&](int f, const LayerRead& r) { return earlier_.read(f, r); };
+    if (!masks_.empty()) hooks.mask = [&](int f) { return &masks_.at(f); };
+    hooks.done = [&](const Unit& unit, const Frame* picture, const RenderTotals& totals) {
+      const int frame = picture ? unit.frame : job_.frames[0];
+      const int dx = q_.shot.settings.x0(), dy = q_.shot.settings.y0();
+      const Tile tile = picture ? Tile{unit.tile.x0 - dx, unit.tile.y0 - dy, unit.tile.x1 - dx, unit.tile.y1 - dy}
+                                : Tile{};
+      for (RenderObserver* o : observers_) o->tile_done(frame, section_->picture(frame), tile, totals);
+    };
+    bool done = false;
+    {
+      const PeriodicCheckpoint periodic(options_.checkpoint_seconds, [&] {
+        try {
+          save();
+        } catch (const Error& e) {
+          log_warning(fmt::format("no checkpoint of {}: {}", title(), e.what()));
+        }
+      });
+      done = render_section(*q_.method, window, *section_, options_.part, hooks, stop);
+    }
+    log_debug(fmt::format("{}: {:.1f} MiB, {} pieces between jumps", title(), double(window.memory()) / (1 << 20),
+                          window.piece_count()));
+    return done;
+  }
+
+  /// Keeps what is done.
+  void save() const {
+    SectionRecord record = record_;
+    record.seconds = seconds();
+    save_checkpoint(store_, record, *section_);
+  }
+  void save_interrupted() const {
+    save();
+    log_info(fmt::format("{}: stopped; {} of {} units are kept in {}", title(), section_->units_done(),
+                         section_->units(), store_));
+  }
+  void save_part() const {
+    save();
+    log_info(fmt::format("{}: part {} of {} is in {}; tempera merge adds the parts up", title(),
+                         options_.part.index + 1, options_.part.count, store_));
+  }
+
+  void write(FrameWriter& writer) {
+    section_->finish(*q_.method);
+    if (const std::uint64_t lost = section_->lost()) {
+      log_warning(fmt::format("{}: {} values were too bright for the range of their layer and are missing", title(),
+                              lost));
+    }
+    RenderTotals totals = section_->totals();
+    const double each = seconds() / double(job_.frames.size());
+    for (std::size_t i = 0; i < job_.frames.size(); ++i) {
+      const int f = job_.frames[i];
+      Frame& picture = section_->picture(f);
+      earlier_.keep(f, picture, section_->passes());
+      finish_metadata(picture, record_.frames[i].metadata, each);
+      writer.push(std::move(picture), {f, frame_path(q_.shot.output, f), each, totals},
+                  q_.shot.write, i + 1 == job_.frames.size() ? store_ : "");
+      totals = {};  // of all frames together, with the first
+    }
+  }
+
+ private:
+  std::unique_ptr<Section> make_section() const {
+    return q_.make_section(job_.range, job_.frames, q_.method->passes(q_.shot.settings, job_.range));
+  }
+  double seconds() const { return earlier_seconds_ + now() - begin_; }
+  std::string title() const {
+    return job_.frames.size() == 1 ? fmt::format("frame {}", job_.frames[0])
+                                   : fmt::format("frames {} to {}", job_.frames.front(), job_.frames.back());
+  }
+  /// Of a finished frame, but for the time that it took.
+  Metadata metadata(int frame) const {
+    Metadata m;
+    RenderInfo info = render_info_of(q_, frame);
+    info.command = options_.command;
+    set_render_info(m, info);
+    m[kFingerprintKey] = fingerprint(q_.shot, q_.scene, frame);
+    const RenderSettings& s = q_.shot.settings;
+    if (const double aspect = q_.scene.cameras[std::size_t(s.camera)].pixel_aspect; aspect != 1)
+      m[kPixelAspectKey] = aspect;
+    if (s.crop_width > 0) {  // layers of pixel indices count in the full picture
+      m["tempera/crop_left"] = s.crop_x;
+      m["tempera/crop_top"] = s.crop_y;
+    }
+    return m;
+  }
+
+  Sequence& q_;
+  const Job& job_;
+  const RenderOptions& options_;
+  std::span<RenderObserver* const> observers_;
+  EarlierLayers& earlier_;
+  std::unique_ptr<Section> section_;
+  SectionRecord record_;
+  std::map<int, Image> masks_;
+  std::string store_;
+  double begin_ = 0, earlier_seconds_ = 0;
+};
+
 }  // namespace
 
 RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderOptions& options,
@@ -381,6 +507,16 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
   const double begin = now();
   Sequence q(shot, scene);
   RenderReport report;
+  if (options.part.count > 1 && !shot.frames.empty()) {
+    for (const PassDesc& pass : q.method->passes(shot.settings, q.section(shot.frames[0]))) {
+      if (pass.waits) {
+        throw Error(ErrorCode::kUnsupported,
+                    fmt::format("the pass \"{}\" of \"{}\" needs the whole frame as the passes before left it: divide the "
+                                "frames among machines, not each frame into parts",
+                                pass.name, shot.integrator));
+      }
+    }
+  }
 
   RenderPlan plan;
   for (const int f : shot.frames) {
@@ -394,12 +530,12 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     }
   }
   plan.skipped = report.skipped.size();
-  const int rounds = q.integrator->rounds(shot.settings);
-  plan.tiles = q.tiles.size() * std::size_t(rounds);
   plan.width = q.width;
   plan.height = q.height;
   plan.settings = &shot.settings;
   plan.layers = q.layers;
+  const std::vector<Job> jobs = jobs_of(q, plan.frames);
+  for (const Job& job : jobs) plan.units += units_of(q, job);
   check_camera(q, plan.frames);
   if (plan.frames.size() > 1 && !has_frame_pattern(shot.output)) {
     throw Error(ErrorCode::kUsage, fmt::format("{} cannot hold {} frames; write {}", shot.output, plan.frames.size(),
@@ -408,7 +544,7 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
   if (!plan.frames.empty()) check_output(q, plan.frames.size(), frame_path(shot.output, plan.frames[0]));
   for (RenderObserver* o : observers) o->begin(plan);
 
-  // Both the caller and a failed write stop the tiles.
+  // Both the caller and a failed write stop the units.
   std::stop_source halt;
   const std::stop_callback forward(stop, [&] { halt.request_stop(); });
   std::mutex report_mutex;
@@ -421,83 +557,25 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
     for (RenderObserver* o : observers) o->frame_end(r);
   };
   FrameWriter writer(written, halt);
-  const bool needs_before = !q.integrator->layers_for_next_frame().empty();
-  std::optional<std::pair<int, Frame>> before_layers;
-
-  for (const int f : plan.frames) {
+  EarlierLayers earlier(q, halt.get_token());
+  std::size_t parts = 0;
+  for (const Job& job : jobs) {
     if (halt.stop_requested()) break;
-    const double frame_begin = now();
-    const std::string path = frame_path(shot.output, f), partial = checkpoint_path(path);
-    const std::string frame_fingerprint = fingerprint(shot, scene, f);
-    Frame frame = make_frame(*q.integrator, shot.settings, scene);
-    CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
-    if (std::error_code ignored; options.resume && std::filesystem::exists(partial, ignored)) {
-      std::string why;
-      if (auto saved = load_checkpoint(partial, frame_fingerprint, frame, q.tiles, why)) {
-        state = std::move(*saved);
-        log_info(fmt::format("frame {}: continuing from {} with {} of {} tiles done", f, partial,
-                             std::count(state.done.begin(), state.done.end(), 1), q.tiles.size()));
-      } else {
-        log_info(fmt::format("frame {}: starting over, because {} cannot be used: {}", f, partial, why));
-      }
-    }
-    if (needs_before && (!before_layers || before_layers->first != f - 1))
-      before_layers = {f - 1, layers_of_frame_before(q, f - 1, halt.get_token())};
-    const PreparedFrame prepared(q, f, needs_before ? &before_layers->second : nullptr);
-    log_debug(fmt::format("frame {}: built in {:.3f} s, {:.1f} MiB, {} pieces between jumps", f, now() - frame_begin,
-                          double(prepared.scene.memory()) / (1 << 20), prepared.scene.piece_count()));
-    for (RenderObserver* o : observers) {
-      o->frame_begin(f, frame, std::size_t(std::count(state.done.begin(), state.done.end(), 1)));
-    }
-
-    std::mutex mutex;
-    const double earlier = state.seconds;
-    const auto snapshot = [&] {
-      const std::scoped_lock lock(mutex);
-      CheckpointState copy = state;
-      copy.seconds = earlier + now() - frame_begin;
-      return copy;
-    };
-    {
-      const PeriodicCheckpoint periodic(rounds == 1 ? options.checkpoint_seconds : 0, [&] {
-        try {
-          save_checkpoint(partial, frame_fingerprint, frame, q.tiles, snapshot());
-        } catch (const Error& e) {
-          log_warning(fmt::format("no checkpoint of frame {}: {}", f, e.what()));
-        }
-      });
-      render_rounds(q, prepared.context(), frame, state, mutex, halt.get_token(),
-                    [&](const Tile& t, const RenderTotals& totals) {
-                      for (RenderObserver* o : observers) o->tile_done(f, frame, t, totals);
-                    });
-    }
+    JobRender render(q, job, options, observers, earlier);
+    if (options.resume) render.resume();
+    const bool done = render.run(halt.get_token());
     writer.check();
-    if (std::find(state.done.begin(), state.done.end(), 0) != state.done.end()) {
+    if (!done) {
       writer.finish();
-      if (rounds > 1) {  // later rounds build on all samples of all tiles
-        log_info(fmt::format("frame {}: stopped; it will start over, as frames with adaptive sampling do", f));
-        break;
-      }
-      save_checkpoint(partial, frame_fingerprint, frame, q.tiles, snapshot());
-      log_info(fmt::format("frame {}: stopped; {} of {} tiles are kept in {}", f,
-                           std::count(state.done.begin(), state.done.end(), 1), q.tiles.size(), partial));
+      render.save_interrupted();
       break;
     }
-
-    finish_frame(*q.integrator, prepared.context(), frame);
-    if (needs_before) before_layers = {f, keep_layers_for_next_frame(q, frame)};
-    RenderInfo info = render_info_of(q, f);
-    info.command = options.command;
-    info.render_seconds = earlier + now() - frame_begin;
-    set_render_info(frame.metadata, info);
-    frame.metadata[kFingerprintKey] = frame_fingerprint;
-    const double aspect = scene.cameras[std::size_t(shot.settings.camera)].pixel_aspect;
-    if (aspect != 1) frame.metadata[kPixelAspectKey] = aspect;
-    if (shot.settings.crop_width > 0) {  // layers of pixel indices count in the full picture
-      frame.metadata["tempera/crop_left"] = shot.settings.crop_x;
-      frame.metadata["tempera/crop_top"] = shot.settings.crop_y;
+    if (options.part.count > 1) {
+      render.save_part();
+      parts += job.frames.size();
+    } else {
+      render.write(writer);
     }
-    writer.push(std::move(frame), {f, path, info.render_seconds, state.totals}, shot.write);
   }
   writer.finish();
 
@@ -512,25 +590,31 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
                             t.bad_samples, options.command, b.frame, b.x, b.y, b.sample,
                             own ? "" : fmt::format(",{},{},{},{},{}", n.stream, n.x, n.y, n.rotation_x, n.rotation_y)));
   }
-  if (report.frames.size() < plan.frames.size()) {
-    throw Error(ErrorCode::kCancelled, fmt::format("stopped; {} of {} frames are done, --resume continues",
-                                                   report.frames.size() + report.skipped.size(), shot.frames.size()));
+  if (report.frames.size() + parts < plan.frames.size()) {
+    throw Error(ErrorCode::kCancelled,
+                fmt::format("stopped; {} of {} frames are done, --resume continues",
+                            report.frames.size() + report.skipped.size() + parts, shot.frames.size()));
   }
   return report;
 }
 
 Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals* totals) {
   Sequence q(shot, scene);
-  Frame picture = make_frame(*q.integrator, shot.settings, scene);
-  std::optional<Frame> before_layers;
-  if (!q.integrator->layers_for_next_frame().empty()) before_layers = layers_of_frame_before(q, frame - 1, {});
-  const PreparedFrame prepared(q, frame, before_layers ? &*before_layers : nullptr);
-  CheckpointState state{std::vector<char>(q.tiles.size(), 0), 0, {}};
-  std::mutex mutex;
-  render_rounds(q, prepared.context(), picture, state, mutex, {}, [](const Tile&, const RenderTotals&) {});
-  finish_frame(*q.integrator, prepared.context(), picture);
-  if (totals) *totals = state.totals;
-  return picture;
+  EarlierLayers earlier(q, {});
+  const Job job{q.section(frame), {frame}};
+  const auto section = q.make_section(job.range, job.frames, q.method->passes(shot.settings, job.range));
+  SceneWindow window = q.window(job.range);
+  Image mask;
+  SectionHooks hooks;
+  hooks.read = [&](int f, const LayerRead& r) { return earlier.read(f, r); };
+  if (!shot.mask.empty()) {
+    mask = read_mask(shot, frame);
+    hooks.mask = [&](int) { return &mask; };
+  }
+  render_section(*q.method, window, *section, {}, hooks, {});
+  section->finish(*q.method);
+  if (totals) *totals = section->totals();
+  return std::move(section->picture(frame));
 }
 
 Rgb replay_sample(const Shot& shot, const Scene& scene, const BadSample& b) {
@@ -540,9 +624,9 @@ Rgb replay_sample(const Shot& shot, const Scene& scene, const BadSample& b) {
                                                b.sample, b.x, b.y, s.width, s.height));
   }
   Sequence q(shot, scene);
-  const PreparedFrame prepared(q, b.frame, nullptr, true);
+  const SceneWindow window = q.window({b.frame, b.frame});
   const FlushDenormals flush;  // as the render had it
-  return q.integrator->replay(prepared.context(), b);
+  return q.method->replay(window.frame(b.frame), b);
 }
 
 }  // namespace tempera

@@ -93,7 +93,7 @@ RunPlan plan_run(const ShotConfig& config, const Shot& shot, bool video) {
     plan.render.output = (fs::path("out") / name / (name + ".####.exr")).string();
   }
   plan.output = plan.render.output;
-  const std::vector<LayerDesc> layers = find_integrator(shot.integrator).make(shot.params)->outputs(shot.settings);
+  const std::vector<LayerDesc> layers = find_method(shot.integrator).make(shot.params)->outputs(shot.settings);
   plan.reconstructs = has_differences(layers);
   std::vector<LayerDesc> result = layers;
   if (plan.reconstructs) {

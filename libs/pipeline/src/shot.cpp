@@ -291,7 +291,7 @@ void set_param(Params& params, const std::string& name, const ShotValue& value) 
 void settle_integrator(const ShotConfig& config, const RenderDefaults& defaults, Shot& shot) {
   shot.integrator =
       config.find("integrator.name") ? config.get_string("integrator.name") : defaults.integrator.value_or("path");
-  const IntegratorEntry& entry = find_integrator(shot.integrator, config.loc("integrator.name"));
+  const MethodEntry& entry = find_method(shot.integrator, config.loc("integrator.name"));
   shot.params = Params(entry.params);
   const auto takes = [&](const char* name) {
     return std::any_of(entry.params.begin(), entry.params.end(), [&](const ParamSpec& s) { return s.name == name; });
@@ -569,7 +569,19 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
 
   // Which layers an integrator can write is its own knowledge; ask it before a ray is traced.
   try {
-    const auto outputs = find_integrator(shot.integrator).make(shot.params)->outputs(s);
+    const auto method = find_method(shot.integrator).make(shot.params);
+    const auto outputs = method->outputs(s);
+    const int frame = shot.frames.empty() ? shot.sequence.first : shot.frames[0];
+    method->passes(s, method->section(s, shot.sequence, frame));
+    if (config.find("film.mask")) {
+      shot.mask = config.input_path("film.mask").string();
+      if (!method->renders_single_pixels()) {
+        throw SettingError(ErrorCode::kUnsupported, "film.mask",
+                           fmt::format("the integrator \"{}\" with these parameters renders whole pictures alone: it "
+                                       "takes no mask",
+                                       shot.integrator));
+      }
+    }
     if (shot.write.half && has_differences(outputs)) {
       log_warning("differences of 16-bit floats are too coarse to reconstruct from: rendered files hold 32-bit floats");
       shot.write.half = false;
@@ -616,10 +628,15 @@ LoadedShot load_shot(const ShotConfig& config, const ImportOptions& options, War
 
 std::string fingerprint(const Shot& shot, const Scene& scene, int frame) {
   const WriteOptions& w = shot.write;
-  return hash_hex(fmt::format("{};{:016x};{};{};{}:{};motion={};frame={};half={};names={};lossy={}", TEMPERA_VERSION,
+  // What a section has in common, and a mask, where there are such.
+  std::string more;
+  const FrameRange section = find_method(shot.integrator).make(shot.params)->section(shot.settings, shot.sequence, frame);
+  if (section.first != section.last) more += fmt::format(";section={}-{}", section.first, section.last);
+  if (!shot.mask.empty()) more += ";mask=" + content_identity(frame_path(shot.mask, frame));
+  return hash_hex(fmt::format("{};{:016x};{};{};{}:{};motion={};frame={};half={};names={};lossy={}{}", TEMPERA_VERSION,
                               scene.content_hash, shot.edits, shot.settings.canonical(), shot.integrator,
                               shot.params.canonical(), shot.motion_segments, frame, w.half, names_text(w),
-                              w.compression == Compression::kDwaa));
+                              w.compression == Compression::kDwaa, more));
 }
 
 }  // namespace tempera

@@ -43,6 +43,8 @@ std::vector<ShotKey> own_keys() {
       {{"film.scale", 100.0, "percentage of the resolution that is rendered; fractions of pixels are cut off", 0.1, 1000}, "--resolution-scale", "PERCENT"},
       {{"film.crop", "", "part of the picture to render: left, top, width, height in pixels of the full resolution"}, "--crop", "X,Y,W,H",
        "the scene's, else the whole picture", true},
+      {{"film.mask", "", "image of the picture's size, or names such as mask.####.exr: only pixels above 0 are rendered, each as in "
+                         "the whole picture"}, "--mask", "FILE"},
       {{"film.filter", "box", "pixel filter", -kMany, kMany, {"box", "tent", "gaussian", "mitchell", "blackman_harris"}},
        "--filter", "NAME[:RADIUS]", "the scene's, else box"},
       {{"film.filter_radius", 0.0, "radius of the filter in pixels; 0: the filter's usual one", 0, 16}, "", "PIXELS"},

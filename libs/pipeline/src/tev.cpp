@@ -352,6 +352,7 @@ class TevDisplay final : public RenderObserver {
     if (tiles_done > 0) copy(picture, {0, 0, picture.width(), picture.height()});
   }
   void tile_done(int, const Frame& picture, const Tile& tile, const RenderTotals&) override {
+    if (tile.x0 == tile.x1) return;  // light paths have no place of their own
     const std::scoped_lock lock(shared_->mutex);
     copy(picture, tile);
   }

@@ -43,7 +43,7 @@ Scene scene_of(int triangles) {
 
 TEST(Memory, EstimateGrowsWithTrianglesAndPixels) {
   Shot shot;
-  shot.params = Params(find_integrator("path").params);
+  shot.params = Params(find_method("path").params);
   const std::uint64_t small = estimate_render_memory(shot, scene_of(1)),
                       large = estimate_render_memory(shot, scene_of(1000001));
   EXPECT_GT(large - small, 100u << 20) << "a million triangles take more than 100 bytes each";
@@ -55,7 +55,7 @@ TEST(Memory, EstimateGrowsWithTrianglesAndPixels) {
 
 TEST(Memory, RefusesWhatCannotFit) {
   Shot shot;
-  shot.params = Params(find_integrator("path").params);
+  shot.params = Params(find_method("path").params);
   const Scene scene = scene_of(1000);
   EXPECT_NO_THROW(check_memory(shot, scene, 1ull << 40));
   try {

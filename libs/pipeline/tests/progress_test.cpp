@@ -21,7 +21,7 @@ std::string transcript(ProgressKind kind) {
     RenderPlan plan;
     plan.frames = {1, 2};
     plan.skipped = 1;
-    plan.tiles = 2;
+    plan.units = 2 * plan.frames.size();
     plan.settings = &settings;
     plan.layers = {layers::color()};
     const auto progress = make_progress(kind);

@@ -29,14 +29,8 @@ FrameScene::FrameScene(const Scene& scene, const RenderSettings& settings, const
     const Piece& piece = pieces_.emplace_back(scene, span, evaluation, motion_step, cache);
     contexts_.push_back({scene, piece.rays, piece.lights, camera_, classifier, settings, frame});
   }
-}
-
-FrameContext FrameScene::context(FramePlan* plan, bool only_for_next_frame) const {
-  FrameContext c = contexts_[0];
-  c.plan = plan;
-  c.only_for_next_frame = only_for_next_frame;
-  if (contexts_.size() > 1) c.pieces = contexts_;
-  return c;
+  context_.emplace(contexts_[0]);
+  if (contexts_.size() > 1) context_->pieces = contexts_;
 }
 
 std::uint64_t FrameScene::memory() const {

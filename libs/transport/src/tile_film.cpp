@@ -58,6 +58,8 @@ Rgb variance_of_mean(const Rgb& sum_a, int count_a, const Rgb& sum_b, int count_
   return difference * difference * (m * n / sqr(m + n));
 }
 
+const std::size_t TileFilm::kBytesOfPixel = sizeof(Pixel);
+
 TileFilm::TileFilm(const FrameContext& context, const Tile& tile, const Frame& out, std::string prefix)
     : settings_(context.settings),
       tile_(tile),
@@ -115,6 +117,18 @@ bool TileFilm::add(int x, int y, int index, const CameraSample& camera, const Sa
     p.depth += first.depth;
   }
   return true;
+}
+
+void TileFilm::save(ByteWriter& out) const {
+  out.values(pixels_);
+  out.values(class_sums_);
+  ids_.save(out);
+}
+
+void TileFilm::load(ByteReader& in) {
+  in.values(pixels_);
+  in.values(class_sums_);
+  ids_.load(in);
 }
 
 void TileFilm::write(Frame& out) const {

@@ -568,8 +568,8 @@ TEST(Path, ClampIsOffByDefaultAndBounds) {
 TEST(Path, UnknownLayersAreNamed) {
   TestShot shot = mixed();
   shot.settings.layers = {"grad.x"};
-  Params params(find_integrator("path").params);
-  const auto integrator = find_integrator("path").make(params);
+  Params params(find_method("path").params);
+  const auto integrator = find_method("path").make(params);
   try {
     integrator->outputs(shot.settings);
     FAIL();

@@ -2,6 +2,7 @@
 #pragma once
 // The shot's time axis: double seconds. Frame numbers exist only here and in file names.
 #include <cstddef>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -37,6 +38,9 @@ struct Shutter {
 
   /// Maps u in [0,1) to a position in [0,1] of the exposure with density proportional to the shape's transmittance.
   double warp(double u) const;
+  /// Density of warp(u) for uniform u at position x of the exposure: the transmittance, scaled so that it integrates to
+  /// 1 over [0,1]; 0 outside.
+  double density(double x) const;
   bool operator==(const Shutter&) const = default;
 };
 
@@ -53,6 +57,14 @@ struct FrameClock {
   TimeSpan exposure(int frame) const;
   /// Time of shutter coordinate u in [0,1) for scan line v in [0,1] (0 top); `v` matters only for a rolling shutter.
   double exposure_time(int frame, double u, double v = 0) const;
+  /// Frames whose exposure covers time t in some scan line, which are more than one if shutters overlap; empty if all
+  /// are closed. With a rolling shutter each line of them has a part of that exposure only: see exposure_density.
+  /// Result: clamped to what a frame number can be.
+  std::optional<FrameRange> frames_open_at(double t) const;
+  /// Density per second with which exposure_time(frame, u, v) falls on t for uniform u: the weight of light at time t
+  /// in scan line v of the frame. Times that exposure_time() gives count as inside, rounding included. Pre: the shutter
+  /// is open for some time (close > open); an instantaneous one has no density.
+  double exposure_density(int frame, double t, double v = 0) const;
 };
 
 /// Expands "1-24", "1..24", "1-100x2", "1-100:2", comma lists of those, and negative numbers ("-5--1"), in the order

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "tempera/core/bytes.h"
 #include "tempera/frames/frame.h"
 
 namespace tempera {
@@ -45,11 +46,17 @@ class CryptomatteBuffer {
   /// is ordered by id.
   void write(Frame& frame, const std::vector<std::string>& names, const std::string& layer_name = "CryptoObject",
              int depth = 6) const;
+  void save(ByteWriter& out) const;
+  /// Pre: of a buffer of this size. Errors: Error{kBadInput}.
+  void load(ByteReader& in);
 
  private:
+  struct Share {
+    float id, weight;
+  };
   struct Pixel {
     float total = 0;
-    std::vector<std::pair<float, float>> ids;  ///< id, weight, in the order of appearance
+    std::vector<Share> ids;  ///< in the order of appearance
   };
   static void add(Pixel& pixel, float id, float weight);
   int width_ = 0, height_ = 0;

@@ -8,12 +8,18 @@
 #include <string>
 #include <variant>
 
+#include "tempera/core/bytes.h"
+
 namespace tempera {
 
 /// Values that EXR headers hold: string, int (32 bits), float or double. Reading gives double for both of the latter.
 using MetaValue = std::variant<std::string, int, double>;
 /// Full attribute name -> value, e.g. "tempera/seed", "cryptomatte/3e14daf/name".
 using Metadata = std::map<std::string, MetaValue>;
+
+void save_metadata(const Metadata& metadata, ByteWriter& out);
+/// Errors: Error{kBadInput}.
+void read_metadata(Metadata& metadata, ByteReader& in);
 
 /// The text of a value, numbers as short as they read back.
 std::string to_text(const MetaValue& value);

@@ -16,6 +16,16 @@ struct CameraRay {
   float tmin = 0, tmax = kInfinity;  ///< where the ray passes the near and the far clipping plane
 };
 
+/// How the camera sees a point through one point of its lens.
+struct Importance {
+  CameraRay ray;       ///< the one that arrives at the point: what ray() makes of `pixel` and the lens point
+  float distance = 0;  ///< along it to the point, between tmin and tmax: in front of tmin nothing hides the point
+  Vec2f pixel;         ///< film position, also outside of the film
+  /// Pixels per square metre of a surface that faces the ray at the point: how dense rays arrive there if one starts in
+  /// every pixel, all through this point of the lens.
+  float we = 0;
+};
+
 /// A camera for a film of width x height pixels. Scale in its node's transform widens or narrows the picture and does
 /// not change metres along the view axis or on the lens. Threads: const and re-entrant.
 class CameraModel {
@@ -39,6 +49,18 @@ class CameraModel {
     float depth = 0;
   };
   std::optional<Projected> project(const Vec3f& p, double t) const;
+  /// The importance of a world point at time t through lens point u in [0,1)^2; empty where the camera does not see it
+  /// whatever is in between: behind or beyond its clipping planes, or farther from the picture than project() goes.
+  ///
+  /// Measure: the estimate of a pixel is the mean of radiance over rays, film positions x with the density h(x) of the
+  /// pixel filter, lens points u evenly in [0,1)^2. Change x for the point p where the ray ends:
+  ///   I = int du int dA(p) h(pixel(p, u)) we(p, u) |cos(n(p), ray.d)| L(p -> lens),
+  /// so a light subpath that arrives at p with flux beta and is scattered by f towards the lens adds
+  ///   beta f |cos(n(p), ray.d)| we h(pixel)
+  /// to it if nothing is in between. In the usual terms we = We |cos(lens)| / (distance^2 pdf_area(lens)), where We is
+  /// per pixel: the lens point's density is in it already. Rays are we distance^2 per steradian and pixel. The same
+  /// holds for pinholes, where u does not matter, and for orthographic cameras, where directions do not spread.
+  std::optional<Importance> importance(const Vec3f& p, const Vec2f& lens, double t) const;
   /// The same for a direction, i.e. a point at infinity. Empty for orthographic cameras, too.
   std::optional<Vec2f> project_direction(const Vec3f& d, double t) const;
   /// World-space view axis (unit) at time t, and the position of the camera.

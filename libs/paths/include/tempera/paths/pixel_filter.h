@@ -28,6 +28,10 @@ class PixelFilter {
   Sample sample(const Vec2f& u) const;
   /// Unnormalised 1D profile at x pixels from the center; 0 outside the radius.
   float evaluate(float x) const;
+  /// The filter at an offset from the pixel's center (pixels), scaled so that it integrates to 1 over the plane: what a
+  /// splat of one sample in that place adds, per pixel area. Negative in the lobes of Mitchell's. 0 outside of
+  /// [-radius, radius)^2, so that every place is in one box of a grid of pixels.
+  float density(const Vec2f& offset) const;
   FilterKind kind() const { return kind_; }
   float radius() const { return radius_; }
 
@@ -37,6 +41,7 @@ class PixelFilter {
 
   FilterKind kind_;
   float radius_;
+  float norm_ = 1;                      ///< 1 / integral of evaluate(x)
   std::shared_ptr<const Table> table_;  ///< of |filter|; none for kinds with a closed form
 };
 

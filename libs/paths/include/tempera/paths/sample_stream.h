@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Primary sample space with addressed coordinates: every random number of a path is a function of its key (seed,
-// stream, pixel, sample) and of its coordinate (vertex, purpose). Nothing is drawn in sequence, so offset paths,
+// stream, pixel, sample) and of its coordinate (subpath, vertex, purpose). Nothing is drawn in sequence, so offset paths,
 // replays, resumed units and any number of threads see the same numbers.
 #include <cstdint>
 
@@ -24,11 +24,34 @@ enum class VertexDim : std::uint32_t {
   kOpacity = 7
 };
 
+/// Coordinates of the end of a light subpath.
+enum class LightDim : std::uint32_t { kPosition = 0, kDirection = 2, kChoice = 4, kTime = 5 };
+
+/// The end that a part of a path is traced from. Both have coordinates of their own, under one key.
+enum class Subpath : std::uint32_t { kCamera, kLight };
+
+/// What the numbers of a stream are for: keeps those of one frame apart. The sums of two frames and purposes differ.
+enum class StreamPurpose : std::int64_t {
+  kPicture = 0,
+  kFill = std::int64_t(1) << 40,   ///< pixels that show what the frame before did not
+  kPilot = std::int64_t(1) << 41,  ///< first batches that are not part of the picture
+  kLight = std::int64_t(1) << 42   ///< paths that start at lights, belong to no pixel
+};
+/// The `stream` of a SampleStream.
+constexpr std::int64_t stream_number(StreamPurpose purpose, std::int64_t frame) {
+  return std::int64_t(purpose) + frame;
+}
+
 inline constexpr std::uint32_t kDimsPerVertex = 8;
+/// Where the coordinates of a subpath begin, in vertices.
+constexpr std::uint32_t first_block(Subpath s) { return std::uint32_t(s) << 28; }
 constexpr std::uint32_t coordinate(CameraDim d) { return std::uint32_t(d); }
-/// Vertex b = 0 is the first surface after the camera.
-constexpr std::uint32_t coordinate(std::uint32_t vertex, VertexDim d) {
-  return kDimsPerVertex * (vertex + 1) + std::uint32_t(d);
+constexpr std::uint32_t coordinate(LightDim d) {
+  return kDimsPerVertex * first_block(Subpath::kLight) + std::uint32_t(d);
+}
+/// Vertex b = 0 is the first surface after the camera or the light. Pre: b < 2^28 - 1.
+constexpr std::uint32_t coordinate(std::uint32_t vertex, VertexDim d, Subpath s = Subpath::kCamera) {
+  return kDimsPerVertex * (first_block(s) + vertex + 1) + std::uint32_t(d);
 }
 
 namespace detail {
@@ -73,6 +96,13 @@ struct CameraNumbers {
   float time = 0;
 };
 
+/// All random numbers of the end of a light subpath: what LightSampler::emit takes.
+struct LightNumbers {
+  float choice = 0;
+  Vec2f position, direction;
+  float time = 0;
+};
+
 /// All random numbers of one scattering vertex.
 struct VertexNumbers {
   Vec2f direction, light_point;
@@ -88,7 +118,8 @@ struct VertexNumbers {
 /// samples serves; powers of two best. kIndependent: hashes.
 class SampleStream {
  public:
-  /// `stream` separates independent pictures (the frame number, or another frame's to replay it).
+  /// `stream` separates independent pictures: a stream_number of the frame (or of another one, to replay it). Samples
+  /// of paths that belong to no pixel count on at one (x, y): they are well distributed together.
   SampleStream(SamplerKind kind, std::uint64_t seed, std::int64_t stream, int x, int y, std::uint32_t sample)
       : key_(hash_key(seed, std::uint64_t(stream), (std::uint64_t(std::uint32_t(y)) << 32) | std::uint32_t(x))),
         reversed_sample_(detail::reverse_bits(sample / 2)),
@@ -116,15 +147,20 @@ class SampleStream {
     const detail::Words4 bits = detail::reverse_bits(detail::scramble_reversed(digits, detail::Words4{low, high}));
     return {to_unit_float(bits[0]), to_unit_float(bits[1])};
   }
-  /// The numbers of the camera, and of vertex b: equal to get1 and get2 of their coordinates, for little more than the
+  /// The numbers of the camera, of the light, and of vertex b of a subpath: equal to get1 and get2 of their coordinates, for little more than the
   /// price of one pair.
   CameraNumbers camera() const {
     const Block u = block(0);
     using D = CameraDim;
     return {{u(D::kPixel), u(D::kPixel, 1)}, {u(D::kLens), u(D::kLens, 1)}, u(D::kTime)};
   }
-  VertexNumbers vertex(std::uint32_t b) const {
-    const Block u = block(b + 1);
+  LightNumbers light() const {
+    const Block u = block(first_block(Subpath::kLight));
+    using D = LightDim;
+    return {u(D::kChoice), {u(D::kPosition), u(D::kPosition, 1)}, {u(D::kDirection), u(D::kDirection, 1)}, u(D::kTime)};
+  }
+  VertexNumbers vertex(std::uint32_t b, Subpath s = Subpath::kCamera) const {
+    const Block u = block(first_block(s) + b + 1);
     using D = VertexDim;
     return {{u(D::kDirection), u(D::kDirection, 1)},
             {u(D::kLightPoint), u(D::kLightPoint, 1)},

@@ -10,22 +10,15 @@
 #include <vector>
 
 #include "tempera/frames/frame.h"
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/section.h"
 #include "tempera/pipeline/shot.h"
 
 namespace tempera {
 
-/// Sums over tiles or frames.
-struct RenderTotals {
-  std::uint64_t samples = 0, rays = 0, shadow_rays = 0, bad_samples = 0;
-  std::vector<BadSample> first_bad;  ///< at most 16
-  RenderTotals& operator+=(const RenderTotals& o);
-};
-
 struct RenderPlan {
   std::vector<int> frames;    ///< that will be rendered, in order
   std::size_t skipped = 0;    ///< frames that were already finished
-  std::size_t tiles = 0;      ///< per frame
+  std::size_t units = 0;      ///< of work, in all of them together
   int width = 0, height = 0;  ///< of the files
   const RenderSettings* settings = nullptr;
   std::vector<LayerDesc> layers;
@@ -51,9 +44,11 @@ class RenderObserver {
  public:
   virtual ~RenderObserver() = default;
   virtual void begin(const RenderPlan& /*plan*/) {}
-  /// `tiles_done`: those that a checkpoint brought; their pixels are in `picture`.
-  virtual void frame_begin(int /*frame*/, const Frame& /*picture*/, std::size_t /*tiles_done*/) {}
-  /// The pixels of `tile` (coordinates in `picture`) are final.
+  /// `units_done`: those that a checkpoint brought; their pixels are in `picture`. Frames that are rendered together
+  /// begin together, with the units of all of them at the first.
+  virtual void frame_begin(int /*frame*/, const Frame& /*picture*/, std::size_t /*units_done*/) {}
+  /// A unit is done: the pixels of `tile` (coordinates in `picture`), which are final unless a later pass changes them.
+  /// An empty tile: it has no pixels of its own.
   virtual void tile_done(int /*frame*/, const Frame& /*picture*/, const Tile& /*tile*/,
                          const RenderTotals& /*totals*/) {}
   /// The file is written.
@@ -65,7 +60,8 @@ struct RenderOptions {
   /// Skip frames whose file is complete and has the same fingerprint; continue those that were interrupted.
   bool resume = false;
   std::vector<int> reuse;           ///< frames that are skipped like this without `resume`, too
-  double checkpoint_seconds = 600;  ///< between checkpoints of a frame in progress; 0: only when stopped
+  double checkpoint_seconds = 600;  ///< between checkpoints of frames in progress; 0: only when stopped
+  Part part;                        ///< of the units; less than all of them end in files for merge_parts
   std::string command;              ///< for the metadata
 };
 
@@ -77,6 +73,12 @@ struct RenderOptions {
 /// Threads: uses parallel_for, and one thread more that writes.
 RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderOptions& options,
                              std::span<RenderObserver* const> observers, const std::stop_token& stop = {});
+
+/// Adds up the parts of frames that lie in `inputs` (folders, or files), and writes the frames to the folder `output`.
+/// Result:  the files that one run would have written, by their names. Returns how many frames.
+/// Errors:  Error{kBadInput} for parts of different frames or settings, and for units that are missing, or that two parts
+///          hold; Error{kMissingFile} where there are no parts.
+std::size_t merge_parts(std::span<const std::string> inputs, const std::string& output);
 
 /// One frame in memory, without its metadata but the cryptomatte manifest. Result: the pixels of render_sequence.
 Frame render_frame(const Shot& shot, const Scene& scene, int frame, RenderTotals* totals = nullptr);

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "tempera/core/params.h"
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/method.h"
 #include "tempera/pipeline/shot_config.h"
 #include "tempera/scene/scene.h"
 

@@ -10,7 +10,7 @@
 #include "tempera/frames/frame.h"
 #include "tempera/frames/video.h"
 #include "tempera/import/import.h"
-#include "tempera/methods/integrator.h"
+#include "tempera/methods/method.h"
 #include "tempera/pipeline/shot_config.h"
 #include "tempera/scene/scene.h"
 
@@ -29,6 +29,7 @@ struct Shot {
   bool is_part = false;              ///< the sequence has frames that `frames` leaves out
   std::string output;                ///< see frame_path; empty: none is named
   WriteOptions write;                ///< of the files that are rendered
+  std::string mask;                  ///< see frame_path; of images that say which pixels are wanted; empty: all are
   int motion_segments = 4;           ///< of a frame between knots of the motion grid
   Params reconstruct;                ///< of the stage
   std::string final_output;          ///< of the reconstructed frames, as it was given; empty: none is named

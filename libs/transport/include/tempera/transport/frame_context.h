@@ -16,11 +16,6 @@
 
 namespace tempera {
 
-/// What an integrator works out for a frame, and all its tiles share.
-struct FramePlan {
-  virtual ~FramePlan() = default;
-};
-
 /// Everything that is fixed while one frame renders (frame_scene.h makes it).
 struct FrameContext {
   const Scene& scene;
@@ -30,9 +25,6 @@ struct FrameContext {
   const LightPathClassifier& classifier;
   const RenderSettings& settings;
   int frame = 0;
-  FramePlan* plan = nullptr;  ///< what the integrator's `prepare` returned; a tile changes nothing of another's there
-  bool only_for_next_frame =
-      false;  ///< only what the next frame needs (Integrator::layers_for_next_frame) is wanted of this one
   /// For each piece of the exposure what its rays and lights are; none if there is but one piece.
   std::span<const FrameContext> pieces{};
 
@@ -45,7 +37,7 @@ struct FrameContext {
   }
 };
 
-/// The quantum of parallelism, checkpoint and resume: pixels [x0,x1) x [y0,y1) of the frame with all their samples.
+/// Pixels [x0,x1) x [y0,y1) of a frame.
 struct Tile {
   int x0 = 0, y0 = 0, x1 = 0, y1 = 0;
 };

@@ -2,6 +2,7 @@
 #pragma once
 // How the context of a frame is made of a scene: the one place where it is.
 #include <deque>
+#include <optional>
 #include <vector>
 
 #include "tempera/transport/frame_context.h"
@@ -23,7 +24,7 @@ class FrameScene {
   FrameScene(const FrameScene&) = delete;
   FrameScene& operator=(const FrameScene&) = delete;
 
-  FrameContext context(FramePlan* plan = nullptr, bool only_for_next_frame = false) const;
+  const FrameContext& context() const { return *context_; }
   /// Bytes held by Embree and by vertex buffers, the cache's included.
   std::uint64_t memory() const;
   std::size_t piece_count() const { return pieces_.size(); }
@@ -38,12 +39,13 @@ class FrameScene {
   };
   CameraModel camera_;
   std::deque<Piece> pieces_;  // they stay where they are
-  std::vector<FrameContext> contexts_;
+  std::vector<FrameContext> contexts_;     // of the pieces
+  std::optional<FrameContext> context_;    // of the whole exposure
   GeometryCache& cache_;
   double motion_step_;
 };
 
-/// The frame before another, as Integrator::prepare looks at it: its rays serve the middle of its exposure only.
+/// The frame before another, as temporal differences look at it: its rays serve the middle of its exposure only.
 class PrecedingFrame {
  public:
   /// `now` must outlive this.

@@ -28,6 +28,8 @@ Rgb variance_of_mean(const Rgb& sum_a, int count_a, const Rgb& sum_b, int count_
 /// Threads: one thread each.
 class TileFilm {
  public:
+  static const std::size_t kBytesOfPixel;  ///< that `save` takes, without classes and cryptomatte
+
   /// Gathers what `out` has layers for, under names that begin with `prefix`.
   TileFilm(const FrameContext& context, const Tile& tile, const Frame& out, std::string prefix = "");
 
@@ -41,6 +43,10 @@ class TileFilm {
   /// Relative standard error of the mean luminance of pixel (x, y).
   float relative_error(int x, int y) const { return pixels_[at(x, y)].relative_error(); }
   void write(Frame& out) const;
+  /// What it has gathered, to go on later.
+  void save(ByteWriter& out) const;
+  /// Pre: saved by a film of this tile and these layers. Errors: Error{kBadInput}.
+  void load(ByteReader& in);
 
  private:
   struct Pixel {
