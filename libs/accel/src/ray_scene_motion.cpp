@@ -20,7 +20,7 @@ Vec3f corner(const Bounds3f& b, int i) {
   return {i & 1 ? b.hi.x : b.lo.x, i & 2 ? b.hi.y : b.lo.y, i & 4 ? b.hi.z : b.lo.z};
 }
 
-/// Box of a shape under a map of the space that Embree sees it in.
+/// Box of an analytic shape or an instanced mesh under a map of the space that Embree sees it in.
 Bounds3f bounds_under(const PlacedShape& placed, const Affine3d& map) {
   if (!placed.mesh) return analytic::bounds(placed.analytic.kind, map * Affine3d(placed.analytic.object_from_unit));
   if (placed.box.empty()) return {};
@@ -138,7 +138,12 @@ Bounds3f RayScene::swept_bounds(std::uint32_t instance, std::uint32_t shape, Tim
   // Rays have float times, which reach a little beyond.
   const double rounding = 2e-7 * s.rays.length();
   span = {span.begin - rounding, span.end + rounding};
-  if (placed.placement == Placement::kStatic) return padded(bounds_under(placed, Affine3d{}));
+  if (placed.placement == Placement::kStatic) {
+    if (!placed.mesh) return padded(bounds_under(placed, Affine3d{}));
+    Bounds3f box;
+    for (const std::uint32_t v : placed.mesh->indices) box.extend(placed.knots[0].positions[v]);
+    return padded(box);
+  }
   return padded(placed.placement == Placement::kDeforming ? s.swept_mesh(placed, span)
                                                           : s.swept_instance(placed, instance, span));
 }

@@ -153,7 +153,7 @@ ShadingPoint RayScene::shading_point(const SurfacePoint& point, double t, const 
     r.uv = r.uv1 = {point.u, point.v};
     if (placed.tangents) r.dpdu = m.vector(unit.dpdu), r.dpdv = m.vector(unit.dpdv);
     ns = r.ng = normalize(placed.unit_from_object.transposed_vector(unit.n));
-    flip = placed.analytic.flip;
+    flip = placed.analytic.flip_normals;
   }
   if (placed.placement == Placement::kInstanced) {
     const Affine3f m = s.world(point.instance, t);
@@ -213,7 +213,7 @@ SurfaceDerivatives RayScene::derivatives(const SurfacePoint& point, double t) co
     const Affine3f& inv = placed.unit_from_object;
     r = {m.vector(unit.dpdu), m.vector(unit.dpdv), inv.transposed_vector(unit.dndu), inv.transposed_vector(unit.dndv)};
     n = inv.transposed_vector(unit.n);
-    flip = placed.analytic.flip;
+    flip = placed.analytic.flip_normals;
   }
   if (placed.placement == Placement::kInstanced) {
     const Affine3f m = s.world(point.instance, t), inv = inverse(m);
@@ -243,7 +243,7 @@ Vec3f RayScene::position(const SurfacePoint& point, double t, Vec3f* ng) const {
     const analytic::UnitPoint<float> unit = analytic::evaluate(placed.analytic.kind, point.u, point.v);
     p = placed.analytic.object_from_unit.point(unit.p);
     n = placed.unit_from_object.transposed_vector(unit.n);
-    flip = placed.analytic.flip;
+    flip = placed.analytic.flip_normals;
   }
   if (placed.placement == Placement::kInstanced) {
     const Affine3f m = s.world(point.instance, t);

@@ -95,7 +95,7 @@ SurfaceFrame RayScene::surface(const SurfacePoint& point, double u, double v, do
     r.p = m.point(unit.p);
     r.dpdu = m.vector(unit.dpdu), r.dpdv = m.vector(unit.dpdv);
     ng = Normal{unit.n, unit.dndu, unit.dndv, {}}.mapped({m, {{}, {}, {}, {}}});
-    flip = placed.analytic.flip;
+    flip = placed.analytic.flip_normals;
   }
   if (placed.placement == Placement::kInstanced) {
     const MovingAffine m = s.moving_world(point.instance, t);
@@ -166,9 +166,9 @@ std::optional<PrimitiveHit> RayScene::refine(const Hit& hit, const Vec3d& o, con
   const Vec3d p = o + d * h.distance;
   const Affine3d& inv = unit_from_world;
   const double eps = slack(p, std::sqrt(length_squared(inv.x) + length_squared(inv.y) + length_squared(inv.z)));
-  if (kind == analytic::Kind::kDisk && !(h.u <= 1 + eps)) return std::nullopt;
-  if (kind == analytic::Kind::kCylinder && !(h.v >= -eps && h.v <= 1 + eps)) return std::nullopt;
-  double& turn = kind == analytic::Kind::kDisk ? h.v : h.u;
+  if (kind == AnalyticKind::kDisk && !(h.u <= 1 + eps)) return std::nullopt;
+  if (kind == AnalyticKind::kCylinder && !(h.v >= -eps && h.v <= 1 + eps)) return std::nullopt;
+  double& turn = kind == AnalyticKind::kDisk ? h.v : h.u;
   turn -= std::floor(turn);
   return h;
 }

@@ -144,11 +144,11 @@ class RayScene {
   /// things move, too; the camera is none of it.
   bool moves(std::uint32_t instance, std::uint32_t shape, TimeSpan span) const;
   /// World box that holds a shape of an instance, hidden or not, at every time in `span` as rays meet it: turning between
-  /// knots and rounding included. Apart from rounding (1e-5 of the coordinates) the smallest one for what does not
-  /// move or deforms. Mesh that moves rigidly is held by its box and by a ball in its own space, and turning adds at
-  /// most a fortieth of the way: its box has at most three times the diagonal of the smallest one. Analytic shapes that
-  /// move are held to that fortieth. Empty for a mesh without triangles. Takes time in proportion to the vertices of
-  /// meshes that deform, and to those alone.
+  /// knots and rounding included. For analytic shapes, and meshes that deform or never move, it is the smallest one but
+  /// for rounding (1e-5 of the coordinates) and, of what turns, at most a fortieth of its way. A mesh that its node
+  /// moves, or that several instances share, is held by its box and a ball in its own space: unless it is stretched,
+  /// by at most three times the diagonal that it needs at a time. Empty for a mesh without triangles. Looks at every
+  /// triangle of meshes that deform (at each knot) or never move.
   Bounds3f swept_bounds(std::uint32_t instance, std::uint32_t shape, TimeSpan span) const;
 
   const Shape& shape(const SurfacePoint& point) const { return scene_->shapes[point.shape]; }

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "analytic.h"
+#include "tempera/scene/analytic.h"
 
 #include <cmath>
 
@@ -29,8 +29,8 @@ TEMPERA_INLINE bool crossings(bool sphere, const Vec3d& o, const Vec3d& d, doubl
 
 }  // namespace
 
-std::optional<UnitHit> intersect(Kind kind, const Vec3d& o, const Vec3d& d, double tmin, double tmax) {
-  if (kind == Kind::kDisk) {
+std::optional<UnitHit> intersect(AnalyticKind kind, const Vec3d& o, const Vec3d& d, double tmin, double tmax) {
+  if (kind == AnalyticKind::kDisk) {
     const double t = -o.z / d.z;
     if (!(t > tmin && t < tmax)) return std::nullopt;
     const Vec3d p = o + d * t;
@@ -38,7 +38,7 @@ std::optional<UnitHit> intersect(Kind kind, const Vec3d& o, const Vec3d& d, doub
     if (r2 > 1) return std::nullopt;
     return UnitHit{t, float(std::sqrt(r2)), float(turn(p.y, p.x))};
   }
-  const bool sphere = kind == Kind::kSphere;
+  const bool sphere = kind == AnalyticKind::kSphere;
   double roots[2];
   if (!crossings(sphere, o, d, roots)) return std::nullopt;
   for (const double t : roots) {
@@ -50,38 +50,38 @@ std::optional<UnitHit> intersect(Kind kind, const Vec3d& o, const Vec3d& d, doub
   return std::nullopt;
 }
 
-std::optional<LineHit> cross_line(Kind kind, const Vec3d& o, const Vec3d& d, double near) {
+std::optional<LineHit> cross_line(AnalyticKind kind, const Vec3d& o, const Vec3d& d, double near) {
   double t = 0;
-  if (kind == Kind::kDisk) {
+  if (kind == AnalyticKind::kDisk) {
     t = -o.z / d.z;
   } else {
     double roots[2];
-    if (!crossings(kind == Kind::kSphere, o, d, roots)) return std::nullopt;
+    if (!crossings(kind == AnalyticKind::kSphere, o, d, roots)) return std::nullopt;
     t = std::abs(roots[0] - near) <= std::abs(roots[1] - near) ? roots[0] : roots[1];
   }
   if (!std::isfinite(t)) return std::nullopt;
   const Vec3d p = o + d * t;
   const double r = std::hypot(p.x, p.y), angle = turn(p.y, p.x);
-  if (kind == Kind::kDisk) return LineHit{t, r, angle};
+  if (kind == AnalyticKind::kDisk) return LineHit{t, r, angle};
   // Near the poles the arc cosine of z would lose half of the digits.
-  return LineHit{t, angle, kind == Kind::kSphere ? std::atan2(r, p.z) / kPiD : p.z};
+  return LineHit{t, angle, kind == AnalyticKind::kSphere ? std::atan2(r, p.z) / kPiD : p.z};
 }
 
 namespace {
 
 /// Computed in double for either result.
 template <class T>
-TEMPERA_INLINE UnitPoint<T> evaluate_as(Kind kind, double u, double v) {
+TEMPERA_INLINE UnitPoint<T> evaluate_as(AnalyticKind kind, double u, double v) {
   using V = Vec3<T>;
   UnitPoint<T> r;
   constexpr double two_pi = 2 * kPiD;
-  if (kind == Kind::kSphere) {
+  if (kind == AnalyticKind::kSphere) {
     const double phi = two_pi * u, theta = kPiD * v;
     const double cp = std::cos(phi), sp = std::sin(phi), ct = std::cos(theta), st = std::sin(theta);
     r.n = r.p = V(Vec3d{st * cp, st * sp, ct});
     r.dndu = r.dpdu = V(Vec3d{-st * sp, st * cp, 0} * two_pi);
     r.dndv = r.dpdv = V(Vec3d{ct * cp, ct * sp, -st} * kPiD);
-  } else if (kind == Kind::kDisk) {
+  } else if (kind == AnalyticKind::kDisk) {
     const double phi = two_pi * v, cp = std::cos(phi), sp = std::sin(phi);
     r.p = V(Vec3d{u * cp, u * sp, 0});
     r.n = {0, 0, 1};
@@ -99,44 +99,29 @@ TEMPERA_INLINE UnitPoint<T> evaluate_as(Kind kind, double u, double v) {
 
 }  // namespace
 
-UnitPoint<double> evaluate(Kind kind, double u, double v) { return evaluate_as<double>(kind, u, v); }
-UnitPoint<float> evaluate(Kind kind, float u, float v) { return evaluate_as<float>(kind, u, v); }
+UnitPoint<double> evaluate(AnalyticKind kind, double u, double v) { return evaluate_as<double>(kind, u, v); }
+UnitPoint<float> evaluate(AnalyticKind kind, float u, float v) { return evaluate_as<float>(kind, u, v); }
 
-Bounds3f unit_bounds(Kind kind) {
+Bounds3f unit_bounds(AnalyticKind kind) {
   Bounds3f b;
-  b.extend(Vec3f{-1, -1, kind == Kind::kSphere ? -1.0f : 0.0f});
-  b.extend(Vec3f{1, 1, kind == Kind::kDisk ? 0.0f : 1.0f});
+  b.extend(Vec3f{-1, -1, kind == AnalyticKind::kSphere ? -1.0f : 0.0f});
+  b.extend(Vec3f{1, 1, kind == AnalyticKind::kDisk ? 0.0f : 1.0f});
   return b;
 }
 
-Bounds3f bounds(Kind kind, const Affine3d& map) {
+Bounds3f bounds(AnalyticKind kind, const Affine3d& map) {
   // The support function of a ball, or of a disk, in each direction.
   Vec3d reach;
   for (int i = 0; i < 3; ++i) {
-    reach[i] = std::sqrt(sqr(map.x[i]) + sqr(map.y[i]) + (kind == Kind::kSphere ? sqr(map.z[i]) : 0));
+    reach[i] = std::sqrt(sqr(map.x[i]) + sqr(map.y[i]) + (kind == AnalyticKind::kSphere ? sqr(map.z[i]) : 0));
   }
   Bounds3f b;
   for (const Vec3d& center : {map.translation, map.translation + map.z}) {
     b.extend(Vec3f(center - reach));
     b.extend(Vec3f(center + reach));
-    if (kind != Kind::kCylinder) break;
+    if (kind != AnalyticKind::kCylinder) break;
   }
   return b;
-}
-
-float unit_area(Kind kind) { return kind == Kind::kSphere ? 4 * kPi : kind == Kind::kDisk ? kPi : 2 * kPi; }
-
-Vec3f sample(Kind kind, const Vec2f& u) {
-  const float phi = 2 * kPi * u.x, c = std::cos(phi), s = std::sin(phi);
-  if (kind == Kind::kSphere) {
-    const float z = 1 - 2 * u.y, r = std::sqrt(std::max(0.0f, 1 - z * z));
-    return {r * c, r * s, z};
-  }
-  if (kind == Kind::kDisk) {
-    const float r = std::sqrt(u.y);
-    return {r * c, r * s, 0};
-  }
-  return {c, s, u.y};
 }
 
 }  // namespace tempera::analytic
