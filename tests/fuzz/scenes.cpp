@@ -55,7 +55,7 @@ void exercise(const Scene& scene, std::string_view input) {
     (void)lights.sample(o, t, random1(i, 3), {random1(i, 4), random1(i, 5)});
     const auto hit = rays.intersect({.o = o, .d = d, .time = t});
     if (!hit) return;
-    (void)rays.motion(hit->point, evaluation.end);
+    (void)rays.surface(hit->point, hit->point.u, hit->point.v, evaluation.end);
     const ShadingPoint s = rays.shading_point(hit->point, t, -d);
     const Material& material = *rays.shape(hit->point).material;
     (void)material.opacity(s);

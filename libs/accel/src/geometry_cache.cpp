@@ -23,15 +23,6 @@ namespace {
 
 const Mesh* as_mesh(const Shape& s) { return std::get_if<Mesh>(&s.geometry); }
 
-AnalyticShape as_analytic(const Shape& s) {
-  if (const auto* x = std::get_if<Sphere>(&s.geometry))
-    return {analytic::Kind::kSphere, x->object_from_unit, x->flip_normals};
-  if (const auto* x = std::get_if<Disk>(&s.geometry))
-    return {analytic::Kind::kDisk, x->object_from_unit, x->flip_normals};
-  const auto& x = std::get<Cylinder>(s.geometry);
-  return {analytic::Kind::kCylinder, x.object_from_unit, x.flip_normals};
-}
-
 void analytic_bounds(const RTCBoundsFunctionArguments* args) {
   const auto& placed = *static_cast<const PlacedShape*>(args->geometryUserPtr);
   Bounds3f b = placed.moving.bounds;
@@ -89,14 +80,19 @@ bool is_identity(const Affine3d& m) { return m == Affine3d{}; }
 
 }  // namespace
 
-GeometryCache::GeometryCache() : impl_(std::make_unique<Impl>()) {
+RTCDevice new_device() {
   // AVX2 beats AVX-512 for single rays, which is what path tracing traces (measured; see docs/performance.md).
   const char* config = nullptr;
 #if defined(__x86_64__)
   if (__builtin_cpu_supports("avx2")) config = "isa=avx2";
 #endif
-  impl_->device = rtcNewDevice(config);
-  if (!impl_->device) throw Error(ErrorCode::kFailed, "the ray tracing library does not start on this processor");
+  RTCDevice device = rtcNewDevice(config);
+  if (!device) throw Error(ErrorCode::kFailed, "the ray tracing library does not start on this processor");
+  return device;
+}
+
+GeometryCache::GeometryCache() : impl_(std::make_unique<Impl>()) {
+  impl_->device = new_device();
   rtcSetDeviceMemoryMonitorFunction(
       impl_->device,
       [](void* user, ssize_t bytes, bool) {
@@ -180,13 +176,22 @@ PlacedShape place(const Scene& scene, std::uint32_t instance, std::uint32_t shap
   p.tangents = scene.shapes[shape].material->needs_tangents();
   p.mesh = as_mesh(scene.shapes[shape]);
   if (!p.mesh) {
-    p.analytic = as_analytic(scene.shapes[shape]);
+    p.analytic = std::get<AnalyticShape>(scene.shapes[shape].geometry);
     const Affine3d object_from_unit = make_invertible(map * Affine3d(p.analytic.object_from_unit));
     p.analytic.object_from_unit = Affine3f(object_from_unit);
     p.unit_from_object = Affine3f(inverse(object_from_unit));
   } else if (placement != Placement::kDeforming) {
     p.mirrored = map.determinant() < 0;
     p.knots.push_back(fixed_vertices(*p.mesh, map, bytes));
+  }
+  if (p.mesh && placement == Placement::kInstanced) {
+    const Vec3f* positions = p.knots[0].positions;
+    for (const std::uint32_t v : p.mesh->indices) p.box.extend(positions[v]);
+    float radius2 = 0;
+    for (const std::uint32_t v : p.mesh->indices) {
+      radius2 = std::max(radius2, length_squared(positions[v] - p.box.center()));
+    }
+    p.radius = std::sqrt(radius2);
   }
   return p;
 }

@@ -10,17 +10,11 @@
 #include <utility>
 #include <vector>
 
-#include "analytic.h"
 #include "tempera/accel/ray_scene.h"
+#include "tempera/scene/analytic.h"
 #include "tempera/scene/deform.h"
 
 namespace tempera {
-
-struct AnalyticShape {
-  analytic::Kind kind;
-  Affine3f object_from_unit;
-  bool flip = false;
-};
 
 /// Vertices of one mesh as Embree sees them at one knot. Spans point into the mesh itself where nothing changes them.
 struct KnotVertices {
@@ -41,12 +35,14 @@ struct PlacedShape {
   std::uint32_t instance = 0, shape = 0;
   Placement placement = Placement::kStatic;
   const Mesh* mesh = nullptr;  // null: analytic
-  AnalyticShape analytic{};    // object_from_unit already in the frame that Embree sees
+  AnalyticShape analytic;      // object_from_unit already in the frame that Embree sees
   Affine3f unit_from_object;
   bool tangents = true;             // the material needs them
   bool mirrored = false;            // vertices were moved by a mirroring map: winding shows the back
   bool mirroring_changes = false;   // deforming: over the evaluation span
   std::vector<KnotVertices> knots;  // 1 for non-deforming meshes
+  Bounds3f box;                     // of the triangles of an instanced mesh
+  float radius = 0;                 // of the ball around the center of `box` that holds them
   std::size_t first_knot = 0;       // of `knots` among the poses, deforming only
   std::vector<MeshPose> poses;      // deforming: at every knot of the evaluation span
 
@@ -73,6 +69,8 @@ struct EmbreeScene {
   }
 };
 
+/// Errors: Error{kFailed} if there is none.
+RTCDevice new_device();
 /// Errors: Error{kOutOfMemory | kFailed} if the device reports an error.
 void check_device(RTCDevice device);
 

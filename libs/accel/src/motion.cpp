@@ -40,6 +40,22 @@ MotionPieces::MotionPieces(MotionGrid grid, TimeSpan span, std::vector<double> j
   }
 }
 
+std::vector<MotionPieces::Stretch> MotionPieces::stretches(TimeSpan span) const {
+  std::vector<Stretch> all;
+  for (std::size_t i = 0; i < pieces_.size(); ++i) {
+    const Piece& p = pieces_[i];
+    const bool is_last = i + 1 == pieces_.size();
+    TimeSpan held{i == 0 ? span.begin : p.begin, is_last ? span.end : pieces_[i + 1].begin};
+    if (i == whole_) held = {std::min(held.begin, whole_span_.begin), std::max(held.end, whole_span_.end)};
+    const TimeSpan shared{std::max(span.begin, held.begin), std::min(span.end, held.end)};
+    if (shared.begin > shared.end || (shared.begin == held.end && !is_last && i != whole_)) continue;
+    const std::int64_t first = std::clamp(grid_.first(shared), p.first, p.last);
+    const std::int64_t last = std::clamp(grid_.last(shared), first, p.last);
+    all.push_back({p.offset + std::size_t(first - p.first), p.offset + std::size_t(last - p.first), shared});
+  }
+  return all;
+}
+
 std::vector<double> exposure_jumps(const Scene& scene, TimeSpan exposure) {
   constexpr std::size_t kMostJumps = 64;
   std::vector<double> all;
@@ -210,9 +226,12 @@ Affine3d make_invertible(const Affine3d& m) {
   return changed ? Affine3d(compose(k)) : m;
 }
 
-static Affine3f upper(const Vec3f& scale, const Vec3f& skew) {
+template <class T>
+static Affine3<T> upper(const Vec3<T>& scale, const Vec3<T>& skew) {
   return {{scale.x, 0, 0}, {skew.x, scale.y, 0}, {skew.y, skew.z, scale.z}};
 }
+
+Affine3f upper(const AffineKnot& k) { return upper(k.scale, k.skew); }
 
 Affine3f compose(const AffineKnot& k) {
   Affine3f m = rotation(k.q) * upper(k.scale, k.skew);
@@ -220,26 +239,41 @@ Affine3f compose(const AffineKnot& k) {
   return m;
 }
 
+/// Never inlined: the compiler would contract its products and sums in another way, and pictures change their bits.
+[[gnu::noinline]] static Quatf turn_between(const Quatf& a, const Quatf& b, float s) { return slerp(a, b, s); }
+
 Affine3f interpolate(const AffineKnot& a, const AffineKnot& b, float s) {
-  return compose(
-      {slerp(a.q, b.q, s), lerp(a.scale, b.scale, s), lerp(a.skew, b.skew, s), lerp(a.translation, b.translation, s)});
+  return compose({turn_between(a.q, b.q, s), lerp(a.scale, b.scale, s), lerp(a.skew, b.skew, s),
+                  lerp(a.translation, b.translation, s)});
 }
 
-Affine3f interpolate_derivative(const AffineKnot& a, const AffineKnot& b, float s) {
-  const Quatf q = slerp(a.q, b.q, s);
-  // slerp turns about one axis at a constant rate: dR/ds = [w]x R with w the rotation vector from a to b.
-  Quatf turn = b.q * Quatf{a.q.w, -a.q.x, -a.q.y, -a.q.z};
-  if (turn.w < 0) turn = -turn;
-  const Vec3f axis{turn.x, turn.y, turn.z};
-  const float sine = length(axis);
-  const float angle = 2 * std::atan2(sine, turn.w);
-  const Vec3f w = sine > 0 ? axis * (angle / sine) : Vec3f{};
-  const Affine3f r = rotation(q);
-  const Affine3f dr{cross(w, r.x), cross(w, r.y), cross(w, r.z)};
-  const Affine3f u = upper(lerp(a.scale, b.scale, s), lerp(a.skew, b.skew, s));
-  const Affine3f du = upper(b.scale - a.scale, b.skew - a.skew);
-  const Affine3f m1 = dr * u, m2 = r * du;
-  return {m1.x + m2.x, m1.y + m2.y, m1.z + m2.z, b.translation - a.translation};
+MovingAffine interpolate_moving(const AffineKnot& a, const AffineKnot& b, double s) {
+  const auto in_double = [](const Quatf& q) { return normalize(Quatd{q.w, q.x, q.y, q.z}); };
+  const Quatd from = in_double(a.q);
+  Quatd to = in_double(b.q);
+  if (dot(from, to) < 0) to = -to;
+  Quatd q, dq;  // slerp of core/vec.h and its derivative
+  if (const double c = dot(from, to); c > 0.9995) {
+    const Quatd sum = from * (1 - s) + to * s, change = to - from;
+    const double scale = 1 / std::sqrt(dot(sum, sum));
+    q = sum * scale;
+    dq = (change - q * dot(q, change)) * scale;
+  } else {
+    const double angle = std::acos(c), inv = 1 / std::sin(angle);
+    q = (from * std::sin((1 - s) * angle) + to * std::sin(s * angle)) * inv;
+    dq = (to * std::cos(s * angle) - from * std::cos((1 - s) * angle)) * (angle * inv);
+  }
+  const Quatd turn = dq * Quatd{q.w, -q.x, -q.y, -q.z};  // half the angular velocity w: dR/ds = [w]x R
+  const Vec3d w = Vec3d{turn.x, turn.y, turn.z} * 2.0;
+  const Affine3d r = rotation(q), dr{cross(w, r.x), cross(w, r.y), cross(w, r.z)};
+  const Vec3d scale(a.scale), skew(a.skew), translation(a.translation);
+  const Vec3d dscale = Vec3d(b.scale) - scale, dskew = Vec3d(b.skew) - skew;
+  const Vec3d dtranslation = Vec3d(b.translation) - translation;
+  const Affine3d u = upper(scale + dscale * s, skew + dskew * s), du = upper(dscale, dskew);
+  const Affine3d turned = dr * u, stretched = r * du;
+  MovingAffine m{r * u, {turned.x + stretched.x, turned.y + stretched.y, turned.z + stretched.z, dtranslation}};
+  m.map.translation = translation + dtranslation * s;
+  return m;
 }
 
 }  // namespace tempera

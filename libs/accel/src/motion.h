@@ -31,10 +31,15 @@ AffineKnot decompose(const Affine3d& m, const AffineKnot* near = nullptr);
 /// passes through zero where it changes its sign, and maps that are singular turn with their neighbours.
 std::vector<AffineKnot> decompose(std::span<const Affine3d> motion);
 Affine3f compose(const AffineKnot& k);
+/// U of a knot.
+Affine3f upper(const AffineKnot& k);
 /// Between knots: linear in scale, skew and translation, slerp in rotation.
 Affine3f interpolate(const AffineKnot& a, const AffineKnot& b, float s);
-/// Its derivative with respect to s.
-Affine3f interpolate_derivative(const AffineKnot& a, const AffineKnot& b, float s);
+/// The same interpolation in double, and its derivative with respect to s.
+struct MovingAffine {
+  Affine3d map, rate;
+};
+MovingAffine interpolate_moving(const AffineKnot& a, const AffineKnot& b, double s);
 
 /// Whether rays can be taken into the space of such maps and of all between them: finite, far from singular, and no
 /// scale changes its sign.

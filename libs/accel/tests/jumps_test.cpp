@@ -43,7 +43,7 @@ AnimatedTransform moving(std::vector<double> times, std::vector<Vec3d> places, I
 /// Part of the square [-2, 2]^2 through which parallel rays along `d` from `side` meet something, on a grid.
 double covered(const RayScene& rays, const Vec3f& d, double t, int n = 64) {
   const Basis basis(d);
-  int hits = 0;
+  int hits = 0, lost = 0;
   for (int i = 0; i < n * n; ++i) {
     const float x = 4 * (float(i % n) + 0.5f) / float(n) - 2, y = 4 * (float(i / n) + 0.5f) / float(n) - 2;
     const Ray ray{basis.s * x + basis.t * y - d * 10, d, 0, kInfinity, t};
@@ -55,8 +55,18 @@ double covered(const RayScene& rays, const Vec3f& d, double t, int n = 64) {
     EXPECT_TRUE(is_finite(s.p) && is_finite(s.ng) && is_finite(s.frame.n) && is_finite(s.dpdu));
     EXPECT_NEAR(length(s.ng), 1, 1e-4);
     EXPECT_LT(length(s.p - (ray.o + ray.d * hit->t)), 1e-3f);
-    EXPECT_TRUE(is_finite(rays.motion(hit->point, t).dpdt));
+    const SurfaceFrame f = rays.surface(hit->point, hit->point.u, hit->point.v, t);
+    EXPECT_TRUE(is_finite(f.dpdt) && is_finite(f.dndt) && is_finite(f.dngdt) && is_finite(f.dndu));
+    EXPECT_LT(length(f.p - Vec3d(s.p)), 1e-5 * (1 + length(f.p)));
+    if (const auto exact = rays.refine(*hit, Vec3d(ray.o), Vec3d(d), t)) {
+      const Vec3d p = rays.surface(hit->point, exact->u, exact->v, t).p;
+      EXPECT_LT(length(p - (Vec3d(ray.o) + Vec3d(d) * exact->distance)), 1e-12);
+      EXPECT_LT(std::abs(exact->distance - double(hit->t)), 1e-3);
+    } else {
+      ++lost;
+    }
   }
+  EXPECT_LE(lost, hits / 20 + 1);  // at edges and along flat sides
   return 16.0 * hits / (n * n);
 }
 

@@ -2,7 +2,7 @@
 // What files from other systems look like: byte order marks, backslashes, other case.
 #include "tempera/import/paths.h"
 
-#include "gltf_test_util.h"
+#include "gltf/gltf_test_util.h"
 #include "tempera/import/mesh_files.h"
 
 namespace tempera {

@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 
-#include "gltf_test_util.h"
+#include "gltf/gltf_test_util.h"
 
 namespace tempera {
 namespace {

@@ -59,10 +59,11 @@ float LightSampler::Impl::area_of(const AreaLight& light, double t) const {
   const Affine3f m = world_from_unit(light, t);
   // Scale factor by the geometric mean: exact for similarities; only steers the choice of lights otherwise.
   const float scale = std::cbrt(std::abs(m.determinant()));
-  const float unit = light.analytic == 1 ? 4 * kPi : light.analytic == 2 ? kPi : 2 * kPi;
-  return light.analytic == 1   ? unit * sqr(scale)
-         : light.analytic == 2 ? kPi * length(cross(m.x, m.y))
-                               : unit * std::sqrt(0.5f * (length_squared(m.x) + length_squared(m.y))) * length(m.z);
+  const float unit = analytic::unit_area(*light.analytic);
+  return light.analytic == AnalyticKind::kSphere ? unit * sqr(scale)
+         : light.analytic == AnalyticKind::kDisk
+             ? unit * length(cross(m.x, m.y))
+             : unit * std::sqrt(0.5f * (length_squared(m.x) + length_squared(m.y))) * length(m.z);
 }
 
 LightReach LightSampler::Impl::reach_of(const AreaLight& light, float radiance) const {
@@ -128,7 +129,7 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
           }
         }
       } else {
-        light.analytic = int(shape.geometry.index());
+        light.analytic = std::get<AnalyticShape>(shape.geometry).kind;
       }
       reaches.push_back(s.reach_of(light, radiance));
       powers.push_back(kPi * radiance * s.area_of(light, s.reference_time) * (light.emission->two_sided ? 2.0f : 1.0f));
@@ -227,8 +228,7 @@ float LightSampler::Impl::pdf_area(const AreaLight& light, const SurfacePoint& p
   const Affine3f m = world_from_unit(light, t);
   const Vec3f unit_normal = m.transposed_vector(ng);  // M^T n_world is parallel to the unit-space normal
   const float stretch = std::abs(m.determinant()) / length(unit_normal);
-  const float unit_area = light.analytic == 1 ? 4 * kPi : light.analytic == 2 ? kPi : 2 * kPi;
-  return 1 / (unit_area * stretch);
+  return 1 / (analytic::unit_area(*light.analytic) * stretch);
 }
 
 /// How much of its radiance a surface with normal ng sends in unit direction wo.
@@ -259,10 +259,8 @@ inline bool LightSampler::Impl::sample_area(const AreaLight& light, const Vec3f&
       const float along = dot(to_center, w);
       const float half_chord = std::sqrt(std::max(0.0f, r2 - (d2 - along * along)));
       const Vec3f q = unit_from_world.point(p + w * (along - half_chord));
-      const Vec3f n = normalize(q);
-      point.u = std::atan2(n.y, n.x) * (0.5f * kInvPi);
-      if (point.u < 0) point.u += 1;
-      point.v = std::acos(std::clamp(n.z, -1.0f, 1.0f)) * kInvPi;
+      const Vec2f uv = analytic::sphere_uv(normalize(q));
+      point.u = uv.x, point.v = uv.y;
     }
   }
   return from_area(light, p, t, r);

@@ -10,6 +10,7 @@
 #include "distribution.h"
 #include "light_choice.h"
 #include "tempera/paths/light_sampler.h"
+#include "tempera/scene/analytic.h"
 
 namespace tempera {
 
@@ -29,11 +30,11 @@ struct Place {
 struct AreaLight {
   std::uint32_t instance = 0, shape = 0;
   const AreaEmission* emission = nullptr;
-  const Mesh* mesh = nullptr;        // null: analytic
-  Discrete triangles;                // by area at the reference time
-  float fixed_pdf_area = 0;          // 1 / area where the surface never moves; 0: ask at the time
-  std::vector<FixedTriangle> fixed;  // of a mesh that never moves
-  int analytic = -1;                 // index of the geometry variant: 1 sphere, 2 disk, 3 cylinder
+  const Mesh* mesh = nullptr;            // null: analytic
+  Discrete triangles;                    // by area at the reference time
+  float fixed_pdf_area = 0;              // 1 / area where the surface never moves; 0: ask at the time
+  std::vector<FixedTriangle> fixed;      // of a mesh that never moves
+  std::optional<AnalyticKind> analytic;  // empty: a mesh
 };
 
 /// Piecewise constant density over the texels of a latitude-longitude picture.
@@ -182,7 +183,7 @@ struct LightSampler::Impl {
     float radius = 0;
   };
   std::optional<RoundSphere> round_sphere(const AreaLight& light, double t) const {
-    if (light.analytic != 1) return std::nullopt;
+    if (light.analytic != AnalyticKind::kSphere) return std::nullopt;
     const Affine3f m = world_from_unit(light, t);
     const float a = length(m.x), b = length(m.y), c = length(m.z), eps = 1e-4f * a;
     if (std::abs(a - b) > eps || std::abs(a - c) > eps) return std::nullopt;
@@ -200,10 +201,9 @@ struct LightSampler::Impl {
       // Uniform barycentrics without the square root's distortion [Heitz 2019, A Low-Distortion Map].
       const float half = 0.5f * std::min(u.x, u.y);
       point.u = u.x - half, point.v = u.y - half;
-    } else if (light.analytic == 1) {
-      point.v = std::acos(1 - 2 * u.y) * kInvPi;
-    } else if (light.analytic == 2) {
-      point.u = std::sqrt(u.x);
+    } else {
+      const Vec2f uv = analytic::sample(*light.analytic, u);
+      point.u = uv.x, point.v = uv.y;
     }
     return point;
   }

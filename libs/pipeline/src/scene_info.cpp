@@ -34,10 +34,11 @@ SceneInfo describe(const Scene& scene) {
       info.skinned += !mesh->skin.joints.empty();
       info.morphed += !mesh->morph_targets.empty();
       info.cached += mesh->cache.samples != nullptr;
+    } else if (const auto* analytic = std::get_if<AnalyticShape>(&s.geometry)) {
+      info.spheres += analytic->kind == AnalyticKind::kSphere;
+      info.disks += analytic->kind == AnalyticKind::kDisk;
+      info.cylinders += analytic->kind == AnalyticKind::kCylinder;
     }
-    info.spheres += std::holds_alternative<Sphere>(s.geometry);
-    info.disks += std::holds_alternative<Disk>(s.geometry);
-    info.cylinders += std::holds_alternative<Cylinder>(s.geometry);
     materials.insert(s.material_name);
   }
   info.materials.assign(materials.begin(), materials.end());

@@ -160,8 +160,10 @@ TEST(PublishedScenePairs, ModernHallIsTheSameInBothDialects) {
   ASSERT_EQ(a.shapes.size(), b.shapes.size());
   for (std::size_t i = 0; i < a.shapes.size(); ++i) {
     ASSERT_EQ(a.shapes[i].geometry.index(), b.shapes[i].geometry.index());
-    if (const auto* disk = std::get_if<Disk>(&a.shapes[i].geometry)) {
-      const Affine3f &p = disk->object_from_unit, &q = std::get<Disk>(b.shapes[i].geometry).object_from_unit;
+    if (const auto* shape = std::get_if<AnalyticShape>(&a.shapes[i].geometry)) {
+      const auto& other = std::get<AnalyticShape>(b.shapes[i].geometry);
+      ASSERT_EQ(shape->kind, other.kind);
+      const Affine3f &p = shape->object_from_unit, &q = other.object_from_unit;
       for (const Vec3f& v : {Vec3f{1, 0, 0}, Vec3f{0, 1, 0}, Vec3f{0, 0, 1}}) expect_near(p.point(v), q.point(v));
     } else {
       const Mesh &x = mesh_of(a, i), &y = mesh_of(b, i);

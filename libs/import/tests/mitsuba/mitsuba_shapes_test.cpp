@@ -8,7 +8,8 @@ TEST(MitsubaShapes, StepsOfATransformApplyInOrder) {
   Folder folder;
   const Scene s = folder.load(R"(<shape type="disk"><transform name="to_world">
     <scale value="2"/><rotate y="1" angle="90"/><translate x="1" z="5"/><matrix value="0 -1 0  1 0 0  0 0 1"/></transform></shape>)");
-  const Affine3f m = std::get<Disk>(s.shapes[0].geometry).object_from_unit;
+  EXPECT_EQ(std::get<AnalyticShape>(s.shapes[0].geometry).kind, AnalyticKind::kDisk);
+  const Affine3f m = std::get<AnalyticShape>(s.shapes[0].geometry).object_from_unit;
   // x (1,0,0) -> (2,0,0) -> (0,0,-2) -> (1,0,3) -> (0,1,3)
   expect_near(m.point({1, 0, 0}), {0, 1, 3});
   expect_near(m.point({0, 0, 1}), {0, 3, 5});
@@ -23,17 +24,19 @@ TEST(MitsubaShapes, AnalyticShapes) {
     <shape type="cylinder"><point name="p0" value="0 1 0"/><point name="p1" value="0 5 0"/><float name="radius" value="0.5"/><boolean name="flip_normals" value="true"/></shape>
     <shape type="sphere"><transform name="to_world"><scale x="-1"/></transform></shape>
     <shape type="sphere"><boolean name="flip_normals" value="true"/><transform name="to_world"><scale x="-1"/></transform></shape>)");
-  const Affine3f m = std::get<Sphere>(s.shapes[0].geometry).object_from_unit;
+  const Affine3f m = std::get<AnalyticShape>(s.shapes[0].geometry).object_from_unit;
   expect_near(m.point({0, 0, 0}), {1, 6, 3});
   expect_near(m.point({0, 1, 0}), {1, 12, 3});
-  const auto& c = std::get<Cylinder>(s.shapes[1].geometry);
+  EXPECT_EQ(std::get<AnalyticShape>(s.shapes[0].geometry).kind, AnalyticKind::kSphere);
+  const auto& c = std::get<AnalyticShape>(s.shapes[1].geometry);
+  EXPECT_EQ(c.kind, AnalyticKind::kCylinder);
   expect_near(c.object_from_unit.point({0, 0, 0}), {0, 1, 0});
   expect_near(c.object_from_unit.point({0, 0, 1}), {0, 5, 0});
   EXPECT_NEAR(length(c.object_from_unit.vector({0.6f, 0.8f, 0})), 0.5f, 1e-6f);
   EXPECT_TRUE(c.flip_normals);
   // A mirrored sphere is inside out, as in Mitsuba 3.
-  EXPECT_TRUE(std::get<Sphere>(s.shapes[2].geometry).flip_normals);
-  EXPECT_FALSE(std::get<Sphere>(s.shapes[3].geometry).flip_normals);
+  EXPECT_TRUE(std::get<AnalyticShape>(s.shapes[2].geometry).flip_normals);
+  EXPECT_FALSE(std::get<AnalyticShape>(s.shapes[3].geometry).flip_normals);
 }
 
 TEST(MitsubaShapes, CubeHasMitsubasTextureCoordinates) {
@@ -146,7 +149,7 @@ TEST(MitsubaShapes, InstancesShareTheirGroup) {
   expect_near(s.world(s.instances[1].node, 0.5).translation, {0, 1, 0});
   expect_near(s.world(s.instances[2].node, 0).translation, {0, 0, 7});
   EXPECT_FALSE(s.moves(s.instances[2].node, {0, 1}));
-  EXPECT_EQ(std::get<Sphere>(s.shapes[0].geometry).object_from_unit.translation.x, 1);
+  EXPECT_EQ(std::get<AnalyticShape>(s.shapes[0].geometry).object_from_unit.translation.x, 1);
 }
 
 }  // namespace

@@ -11,11 +11,11 @@ TEST(MitsubaXml, DefaultsAndDefinesFillInParameters) {
   Folder folder;
   EXPECT_THROW(folder.load(inner), Error);  // an escaped dollar sign stays one
   const std::string good = inner.substr(0, inner.find(" \\$")) + " 0" + inner.substr(inner.find("\"/></shape>"));
-  const Affine3f m = std::get<Sphere>(folder.load(good).shapes[0].geometry).object_from_unit;
+  const Affine3f m = std::get<AnalyticShape>(folder.load(good).shapes[0].geometry).object_from_unit;
   EXPECT_EQ(m.x.x, 3.5f);
   EXPECT_EQ(m.translation.x, 2);
   const Scene s = folder.load(good, {.defines = {{"r", "7"}, {"unused", "1"}}});
-  EXPECT_EQ(std::get<Sphere>(s.shapes[0].geometry).object_from_unit.translation.x, 7);
+  EXPECT_EQ(std::get<AnalyticShape>(s.shapes[0].geometry).object_from_unit.translation.x, 7);
   EXPECT_FALSE(folder.warnings.empty());  // about "unused"
 }
 

@@ -55,6 +55,27 @@ class MotionPieces {
     if (knot >= p.last) knot = p.last, blend = 0;
     return {p.offset + std::size_t(knot - p.first), blend};
   }
+  /// The segment that a time lies in: the later one at a knot, the last one at the end of a piece, and both knots the
+  /// same where a piece has one alone.
+  struct Segment {
+    std::size_t knot = 0, next = 0;
+    double blend = 0;
+  };
+  Segment segment(double t) const {
+    const Piece& p = piece_of(t);
+    auto [knot, blend] = grid_.locate(t);
+    if (knot < p.first) knot = p.first, blend = 0;
+    if (knot >= p.last) knot = std::max(p.last - 1, p.first), blend = 1;
+    const std::size_t at = p.offset + std::size_t(knot - p.first);
+    return {at, p.first < p.last ? at + 1 : at, blend};
+  }
+  /// The knots that motion within `span` is interpolated between, piece by piece: from the knot at or before the
+  /// begin of what the span and a piece share to the one at or after its end.
+  struct Stretch {
+    std::size_t first = 0, last = 0;
+    TimeSpan span;
+  };
+  std::vector<Stretch> stretches(TimeSpan span) const;
   /// Index of the knot at grid position `knot` of the piece that `whole` lies in.
   std::size_t index(std::int64_t knot) const {
     return pieces_[whole_].offset + std::size_t(knot - pieces_[whole_].first);

@@ -15,6 +15,7 @@ struct MeshPose {
   std::vector<float> morph_weights;
   std::size_t cache_index = 0;  ///< vertex cache: samples cache_index and, unless the weight is 0, cache_index + 1 ...
   float cache_blend = 0;        ///< ... mixed with this weight
+  bool operator==(const MeshPose&) const = default;
 };
 
 /// Pose of `mesh`, instanced at `node`, at time t as if the piece between jumps that holds the time `piece` went on for

@@ -66,23 +66,27 @@ struct Mesh {
   bool deforms() const { return !morph_targets.empty() || !skin.joints.empty() || cache.samples; }
 };
 
-/// Analytic shapes; `object_from_unit` places them. u, v as in Mitsuba: sphere phi/2pi, theta/pi; disk radius, phi/2pi;
-/// cylinder phi/2pi, z. Unit sphere at the origin; unit disk in z = 0 facing +z; cylinder of radius 1, z in [0,1],
-/// open. `object_from_unit` may be any invertible map: the shapes are intersected in unit space.
-struct Sphere {
-  Affine3f object_from_unit;
-  bool flip_normals = false;
-};
-struct Disk {
-  Affine3f object_from_unit;
-  bool flip_normals = false;
-};
-struct Cylinder {
+enum class AnalyticKind : std::uint8_t { kSphere, kDisk, kCylinder };
+
+/// A surface by its equation: that of its kind in unit space (scene/analytic.h), placed by any invertible map.
+struct AnalyticShape {
+  AnalyticKind kind = AnalyticKind::kSphere;
   Affine3f object_from_unit;
   bool flip_normals = false;
 };
 
-using Geometry = std::variant<Mesh, Sphere, Disk, Cylinder>;
+/// Analytic shapes by the names of their kinds, to be stored as such: Geometry g = Sphere{map}.
+struct Sphere : AnalyticShape {
+  explicit Sphere(const Affine3f& map = {}, bool flip = false) : AnalyticShape{AnalyticKind::kSphere, map, flip} {}
+};
+struct Disk : AnalyticShape {
+  explicit Disk(const Affine3f& map = {}, bool flip = false) : AnalyticShape{AnalyticKind::kDisk, map, flip} {}
+};
+struct Cylinder : AnalyticShape {
+  explicit Cylinder(const Affine3f& map = {}, bool flip = false) : AnalyticShape{AnalyticKind::kCylinder, map, flip} {}
+};
+
+using Geometry = std::variant<Mesh, AnalyticShape>;
 
 /// The map of an analytic shape from its unit space; the identity for a mesh.
 Affine3f object_from_unit(const Geometry& geometry);
