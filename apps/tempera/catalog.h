@@ -18,8 +18,6 @@ struct CatalogCategory {
   std::function<std::vector<CatalogItem>()> items;
 };
 const std::vector<CatalogCategory>& catalog();
-/// The stages, with the parameters of their commands.
-std::vector<CatalogItem> stage_items();
 /// What `tempera compare` measures.
 std::vector<CatalogItem> metric_items();
 

@@ -10,6 +10,7 @@
 #include "tempera/import/import.h"
 #include "tempera/methods/integrator.h"
 #include "tempera/pipeline/materials.h"
+#include "tempera/stages/stage.h"
 
 namespace tempera {
 
@@ -34,6 +35,12 @@ std::vector<CatalogItem> layer_items() {
   out.push_back({"motion", "short for motion.forward and motion.backward", {}});
   out.push_back({"halves", "short for color.a and color.b", {}});
   out.push_back({"cryptomatte", "short for CryptoObject00 to CryptoObject02", {}});
+  return out;
+}
+
+std::vector<CatalogItem> stages() {
+  std::vector<CatalogItem> out;
+  for (const StageEntry* e : stage_catalog()) out.push_back({e->name, e->help, e->params});
   return out;
 }
 
@@ -75,7 +82,7 @@ const std::vector<CatalogCategory>& catalog() {
       {"layers", "what frames can hold", layer_items},
       {"filters", "pixel filters", filters},
       {"samplers", "random numbers", samplers},
-      {"stages", "what can follow a render", stage_items},
+      {"stages", "what can follow a render", stages},
       {"importers", "scene formats", importer_items},
       {"bsdfs", "materials that a shot can give", bsdfs},
       {"metrics", "what compare measures", metric_items},

@@ -199,7 +199,7 @@ int main_guarded(int argc, char** argv) {
   add_run(program);
   add_info(program);
   add_list(program);
-  add_reconstruct(program);
+  add_stages(program);
   add_video(program);
   add_compare(program);
   add_gallery(program);
