@@ -3,6 +3,7 @@
 // What exists to choose from, by category, read from the tables of the libraries: for `tempera list` and the manual.
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tempera/core/params.h"
@@ -12,6 +13,7 @@ namespace tempera {
 struct CatalogItem {
   std::string name, help;
   std::vector<ParamSpec> params;
+  std::vector<std::pair<std::string, std::string>> manual{};  ///< what else there is to say, e.g. {"reads", "color: ..."}
 };
 struct CatalogCategory {
   std::string name, help;

@@ -40,7 +40,19 @@ std::vector<CatalogItem> layer_items() {
 
 std::vector<CatalogItem> stages() {
   std::vector<CatalogItem> out;
-  for (const StageEntry* e : stage_catalog()) out.push_back({e->name, e->help, e->params});
+  for (const StageEntry* e : stage_catalog()) {
+    CatalogItem& item = out.emplace_back(CatalogItem{e->name, e->help, e->params});
+    for (const StagePort& p : e->ports) item.manual.emplace_back("port " + p.name, p.help);
+    const auto layers = [&](const char* what, const std::vector<LayerHelp>& rows) {
+      for (const LayerHelp& h : rows) {
+        item.manual.emplace_back(what, fmt::format("{}: {}", fmt::join(h.layers, ", "), h.help));
+      }
+    };
+    layers("reads", e->reads);
+    layers("writes", e->writes);
+    item.manual.emplace_back("frames that it reads to make one", e->window);
+    if (e->follows) item.manual.emplace_back("follows by itself after", e->follows_help);
+  }
   return out;
 }
 
@@ -124,6 +136,12 @@ void add_list(Program& program) {
           for (const CatalogItem& i : items) {
             nlohmann::ordered_json params = nlohmann::ordered_json::array();
             if (!flags->json) std::printf("  %-20s %s\n", i.name.c_str(), i.help.c_str());
+            nlohmann::ordered_json manual = nlohmann::ordered_json::array();
+            for (const auto& [what, text] : i.manual) {
+              manual.push_back({{"what", what}, {"text", text}});
+              if (flags->json || flags->category.empty()) continue;
+              std::printf("    %s: %s\n", what.c_str(), text.c_str());
+            }
             for (const ParamSpec& p : i.params) {
               params.push_back(
                   {{"name", p.name}, {"type", type_text(p)}, {"default", to_text(p.fallback)}, {"help", p.help}});
@@ -133,6 +151,7 @@ void add_list(Program& program) {
             }
             nlohmann::ordered_json item{{"name", i.name}, {"help", i.help}};
             if (!params.empty()) item["parameters"] = params;
+            if (!manual.empty()) item["manual"] = manual;
             list.push_back(std::move(item));
           }
           json[c.name] = list;

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The keys of shot.toml. What stands here is what --help, docs/shot.md and the parser know.
+#include <fmt/format.h>
+
 #include <algorithm>
 
 #include "tempera/pipeline/scene_edits.h"
@@ -31,8 +33,7 @@ std::vector<ShotKey> own_keys() {
       {{"motion_segments", "auto", "segments of a frame between which motion is interpolated, 1 to 1024; auto: as many as the motion needs, one number for the whole shot"}, "", "N", "", true},
       {{"cuts", "", "first frames after cuts: motion ends there, and nothing looks across; jumps of the camera are found without it"}, "", "FRAMES", "", true},
 
-      {{"stages", "", "what follows the render, in this order; `tempera list stages` names them, and each has a table; []: nothing"}, "", "A,B",
-       "reconstruct where the integrator writes differences", true},
+      {{"stages", "", "what follows the render, in this order; `tempera list stages` names them, and each has a table; []: nothing"}, "", "A,B", "", true},
       {{"halo", -1, "frames at most that are made around those asked for, on either side, where stages look at several; beyond them the shot is "
         "taken to end; -1: as many as the stages look at", -1, 1e9}, "", "N"},
 
@@ -107,6 +108,7 @@ std::vector<ShotKey> all_keys() {
     }
   };
   add("camera.", "camera.name", camera_params(), true);
+  std::string automatic;
   for (const StageEntry* e : stage_catalog()) {
     ShotKey path{{e->name + ".path", "",
                   e->output_help + " that run makes, where this stage is among those of the shot; as output.path"},
@@ -117,6 +119,10 @@ std::vector<ShotKey> all_keys() {
         std::find_if(all.begin(), all.end(), [](const ShotKey& k) { return k.spec.name.starts_with("video."); });
     all.insert(video, std::move(path));
     add(e->name + ".", (e->name + ".path").c_str(), e->params, false);
+    if (e->follows) automatic += fmt::format("{}{} after {}", automatic.empty() ? "" : ", ", e->name, e->follows_help);
+  }
+  for (ShotKey& k : all) {
+    if (k.spec.name == "stages") k.fallback_help = automatic;
   }
   return all;
 }

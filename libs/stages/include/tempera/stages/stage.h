@@ -120,6 +120,8 @@ struct StageEntry {
   std::string help;          ///< what it makes, for lists
   std::string command_help;  ///< the same as a sentence
   std::string done;          ///< what happened to its frames: "reconstructed"
+  /// None is called `path`, the key of shot.toml for the place of the frames, or like a flag that the commands of all
+  /// stages have (frames, output, resume, ...).
   std::vector<ParamSpec> params;
   /// In a shot the first port gets the frames of the step before, all others get the rendered ones.
   std::vector<StagePort> ports;
