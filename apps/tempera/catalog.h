@@ -13,8 +13,8 @@ namespace tempera {
 struct CatalogItem {
   std::string name, help;
   std::vector<ParamSpec> params;
-  std::vector<std::pair<std::string, std::string>>
-      manual{};  ///< what else there is to say, e.g. {"reads", "color: ..."}
+  /// What else there is to say, e.g. {"reads", "color: the picture"}.
+  std::vector<std::pair<std::string, std::string>> manual{};
 };
 struct CatalogCategory {
   std::string name, help;

@@ -170,7 +170,8 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
   } catch (const MissingLayerError& e) {
     throw Error(e.code(), config.loc("stages", e.step()),
                 fmt::format("{}, which no step before it writes: {}", e.message(), how_to_get(e.use().layer, shot)));
-  } catch (const StageParamError& e) {
+  } catch (const Error& e) {
+    if (!e.loc().file.empty() || !config.find("stages")) throw;
     throw Error(e.code(), config.loc("stages"), e.message());
   }
   const std::vector<int>& made = plan.stages.back().frames;

@@ -177,6 +177,10 @@ TEST(RunPlan, ErrorsNameTheirPlace) {
   EXPECT_EQ(error_of("stages = [\"reconstruct\", \"reconstruct\"]\n" + kTemporal).loc().line, 3);
   EXPECT_EQ(error_of("stages = 3\n").loc().line, 3);
   EXPECT_EQ(error_of("halo = -2\n").loc().line, 3);
+  const Error alone = error_of(
+      "stages = [\"reconstruct\"]\n[reconstruct]\nweights = \"variance\"\n[integrator]\nname = \"gradient_path\"\n");
+  EXPECT_NE(alone.message().find("compares the two passes"), std::string::npos) << alone.what();
+  EXPECT_EQ(alone.loc().line, 3);
   const Error missing = error_of("stages = [\"reconstruct\"]\n");
   EXPECT_EQ(missing.code(), ErrorCode::kBadInput);
   EXPECT_EQ(missing.loc().line, 3);
