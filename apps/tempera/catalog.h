@@ -3,6 +3,7 @@
 // What exists to choose from, by category, read from the tables of the libraries: for `tempera list` and the manual.
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tempera/core/params.h"
@@ -12,14 +13,14 @@ namespace tempera {
 struct CatalogItem {
   std::string name, help;
   std::vector<ParamSpec> params;
+  /// What else there is to say, e.g. {"reads", "color: the picture"}.
+  std::vector<std::pair<std::string, std::string>> manual{};
 };
 struct CatalogCategory {
   std::string name, help;
   std::function<std::vector<CatalogItem>()> items;
 };
 const std::vector<CatalogCategory>& catalog();
-/// The stages, with the parameters of their commands.
-std::vector<CatalogItem> stage_items();
 /// What `tempera compare` measures.
 std::vector<CatalogItem> metric_items();
 

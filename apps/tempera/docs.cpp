@@ -57,6 +57,11 @@ std::string commands_page(const CLI::App& app) {
     out += fmt::format("\n### {}\n\n| name | meaning |\n| --- | --- |\n", c.name);
     for (const CatalogItem& i : items) out += fmt::format("| `{}` | {} |\n", i.name, cell(i.help));
     for (const CatalogItem& i : items) {
+      if (i.manual.empty()) continue;
+      out += fmt::format("\n`{}` in short:\n\n| | |\n| --- | --- |\n", i.name);
+      for (const auto& [what, text] : i.manual) out += fmt::format("| {} | {} |\n", what, cell(text));
+    }
+    for (const CatalogItem& i : items) {
       if (!i.params.empty()) out += fmt::format("\nParameters of `{}`:\n\n{}", i.name, params_table(i.params));
     }
   }
@@ -67,18 +72,19 @@ std::string commands_page(const CLI::App& app) {
 constexpr const char* kOutputNames = R"(
 ## Names of output frames
 
-`output.path`, `reconstruct.path` and every `-o` for frames (of `render`, `run`, `reconstruct` and `gallery run`) follow one rule:
+`output.path`, the `path` of each stage, and every `-o` for frames (of `render`, `run`, `gallery run` and the commands of stages) follow one
+rule:
 
 | written | files |
 | --- | --- |
 | `out/f.####.exr` | `out/f.0001.exr`, `out/f.0002.exr`, ... |
 | `out/f.exr` | for one frame `out/f.exr`; for several `out/f.0001.exr`, ... |
 | `out/f.####` | `.exr` is added |
-| `out`, `out/`, a folder that exists | `out/NAME.0001.exr`, ...: NAME is that of the shot, or of the frames that are reconstructed |
+| `out`, `out/`, a folder that exists | `out/NAME.0001.exr`, ...: NAME is that of the shot, or of the frames that a stage reads |
 | `out/f.####.png`, `f.tif`, ... | refused with the name that would do: frames are OpenEXR |
 
 The place for the number is a run of `#` or `@` as long as the number, `%d` or `%04d`, `$F` or `$F4`, or `<frame>`, `<F>` or `<F4>`; input
-(`compare`, `video`, `reconstruct`) takes the same. Where shot.toml names the output of several frames as one file, `--frames 5` still
+(`compare`, `video`, stages) takes the same. Where shot.toml names the output of several frames as one file, `--frames 5` still
 writes `f.0005.exr`, so that parts of a shot never replace each other; given with `-o` on the command line, `f.exr` is that one frame.
 Missing folders are made.
 )";

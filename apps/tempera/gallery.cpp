@@ -137,7 +137,7 @@ void render_gallery_scene(Program& program, RenderGalleryFlags& flags, const Gal
   if (!flags.render.replay.empty()) return;
   const ProgressKind progress = flags.render.progress_kind(program);
   if (progress != ProgressKind::kJson && progress != ProgressKind::kOpenJd) std::printf("%s\n", shot.output.c_str());
-  hint_at_reconstruction(shot);
+  hint_at_stages(shot);
 }
 
 void add_run_command(Program& program, CLI::App& gallery) {

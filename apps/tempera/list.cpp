@@ -10,6 +10,7 @@
 #include "tempera/import/import.h"
 #include "tempera/methods/method.h"
 #include "tempera/pipeline/materials.h"
+#include "tempera/stages/stage.h"
 
 namespace tempera {
 
@@ -34,6 +35,24 @@ std::vector<CatalogItem> layer_items() {
   out.push_back({"motion", "short for motion.forward and motion.backward", {}});
   out.push_back({"halves", "short for color.a and color.b", {}});
   out.push_back({"cryptomatte", "short for CryptoObject00 to CryptoObject02", {}});
+  return out;
+}
+
+std::vector<CatalogItem> stages() {
+  std::vector<CatalogItem> out;
+  for (const StageEntry* e : stage_catalog()) {
+    CatalogItem& item = out.emplace_back(CatalogItem{e->name, e->help, e->params});
+    for (const StagePort& p : e->ports) item.manual.emplace_back("port " + p.name, p.help);
+    const auto layers = [&](const char* what, const std::vector<LayerHelp>& rows) {
+      for (const LayerHelp& h : rows) {
+        item.manual.emplace_back(what, fmt::format("{}: {}", fmt::join(h.layers, ", "), h.help));
+      }
+    };
+    layers("reads", e->reads);
+    layers("writes", e->writes);
+    item.manual.emplace_back("frames that it reads to make one", e->window);
+    if (e->follows) item.manual.emplace_back("follows by itself after", e->follows_help);
+  }
   return out;
 }
 
@@ -75,7 +94,7 @@ const std::vector<CatalogCategory>& catalog() {
       {"layers", "what frames can hold", layer_items},
       {"filters", "pixel filters", filters},
       {"samplers", "random numbers", samplers},
-      {"stages", "what can follow a render", stage_items},
+      {"stages", "what can follow a render", stages},
       {"importers", "scene formats", importer_items},
       {"bsdfs", "materials that a shot can give", bsdfs},
       {"metrics", "what compare measures", metric_items},
@@ -117,6 +136,12 @@ void add_list(Program& program) {
           for (const CatalogItem& i : items) {
             nlohmann::ordered_json params = nlohmann::ordered_json::array();
             if (!flags->json) std::printf("  %-20s %s\n", i.name.c_str(), i.help.c_str());
+            nlohmann::ordered_json manual = nlohmann::ordered_json::array();
+            for (const auto& [what, text] : i.manual) {
+              manual.push_back({{"what", what}, {"text", text}});
+              if (flags->json || flags->category.empty()) continue;
+              std::printf("    %s: %s\n", what.c_str(), text.c_str());
+            }
             for (const ParamSpec& p : i.params) {
               params.push_back(
                   {{"name", p.name}, {"type", type_text(p)}, {"default", to_text(p.fallback)}, {"help", p.help}});
@@ -126,6 +151,7 @@ void add_list(Program& program) {
             }
             nlohmann::ordered_json item{{"name", i.name}, {"help", i.help}};
             if (!params.empty()) item["parameters"] = params;
+            if (!manual.empty()) item["manual"] = manual;
             list.push_back(std::move(item));
           }
           json[c.name] = list;

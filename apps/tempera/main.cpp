@@ -200,7 +200,7 @@ int main_guarded(int argc, char** argv) {
   add_info(program);
   add_list(program);
   add_merge(program);
-  add_reconstruct(program);
+  add_stages(program);
   add_video(program);
   add_compare(program);
   add_gallery(program);

@@ -11,7 +11,7 @@
 #include "tempera/pipeline/progress.h"
 #include "tempera/pipeline/render.h"
 #include "tempera/pipeline/shot.h"
-#include "tempera/stages/reconstruct.h"
+#include "tempera/stages/stage_run.h"
 
 namespace tempera {
 
@@ -91,25 +91,22 @@ using PrepareRender = std::function<void(const ShotConfig&, Shot&, RenderOptions
 Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender& prepare = {});
 
 /// Says how rendered frames become final ones, if they have to.
-void hint_at_reconstruction(const Shot& shot);
+void hint_at_stages(const Shot& shot);
 
-/// Writes final frames, and logs what was done. Errors: those of reconstruct.
-void reconstruct_frames(const FrameSequence& input, const std::string& output, const ReconstructOptions& options,
-                        StageObserver& progress, std::stop_token stop);
+/// Runs a stage and logs what was done. Errors: those of run_stage.
+void make_frames(const StageChoice& choice, std::span<const FrameSequence> in, const std::string& output,
+                 const StageOptions& options, StageObserver& progress, std::stop_token stop);
 
 /// Encodes frames. Errors: those of write_video; Error{kCancelled}.
 void make_movie(const Program& program, const FrameSequence& frames, const std::string& path,
                 const VideoOptions& options);
-
-/// "1-24,30 (25 frames)".
-std::string describe_frames(const std::vector<int>& frames);
 
 void add_render(Program& program);
 void add_run(Program& program);
 void add_info(Program& program);
 void add_list(Program& program);
 void add_merge(Program& program);
-void add_reconstruct(Program& program);
+void add_stages(Program& program);
 void add_video(Program& program);
 void add_compare(Program& program);
 void add_docs(Program& program);

@@ -13,7 +13,6 @@
 #include "tempera/pipeline/memory.h"
 #include "tempera/pipeline/progress.h"
 #include "tempera/pipeline/tev.h"
-#include "tempera/stages/reconstruct.h"
 
 namespace tempera {
 
@@ -74,22 +73,6 @@ void add_render_options(CLI::App& command, RenderFlags& flags) {
 
 }  // namespace
 
-std::string describe_frames(const std::vector<int>& frames) {
-  std::string out;
-  for (std::size_t i = 0; i < frames.size();) {
-    std::size_t last = i + 1;
-    const int step = last < frames.size() ? frames[last] - frames[i] : 1;
-    while (last < frames.size() && frames[last] - frames[last - 1] == step) ++last;
-    if (!out.empty()) out += ',';
-    if (last - i < 3 && step != 1) last = i + 1;
-    out += last - i == 1 ? fmt::format("{}", frames[i])
-           : step == 1   ? fmt::format("{}-{}", frames[i], frames[last - 1])
-                         : fmt::format("{}-{}x{}", frames[i], frames[last - 1], step);
-    i = last;
-  }
-  return fmt::format("{} ({} {})", out, frames.size(), frames.size() == 1 ? "frame" : "frames");
-}
-
 void RenderFlags::add_to(CLI::App& command) {
   shot.add_to(command);
   command.add_flag("--resume", resume, "skip frames that are finished, continue those that were interrupted");
@@ -101,12 +84,14 @@ void RenderFlags::add_overrides_to(CLI::App& command) {
   add_render_options(command, *this);
 }
 
-void hint_at_reconstruction(const Shot& shot) {
-  if (!has_differences(find_method(shot.integrator).make(shot.params)->outputs(shot.settings))) return;
-  log_info(
-      fmt::format("these frames are noisy pictures with differences; to make final frames of them: tempera "
-                  "reconstruct {} -o {} (tempera run does both)",
-                  shot.output, (std::filesystem::path(shot.output).parent_path() / "final").string()));
+void hint_at_stages(const Shot& shot) {
+  const std::vector<LayerDesc> layers = rendered_layers(shot);
+  for (const StageEntry* e : stage_catalog()) {
+    if (!e->follows || !e->follows(layers)) continue;
+    log_info(fmt::format("these frames are {}; to make {} of them: tempera {} {} -o {} (tempera run does both)",
+                         e->follows_help, e->output_help, e->name, shot.output,
+                         (std::filesystem::path(shot.output).parent_path() / "final").string()));
+  }
 }
 
 Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender& prepare) {
@@ -138,7 +123,7 @@ Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender
     if (shot.output.empty()) {
       throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "no output is named; add -o out/frame.####.exr");
     }
-    const auto layers = find_method(shot.integrator).make(shot.params)->outputs(shot.settings);
+    const std::vector<LayerDesc> layers = rendered_layers(shot);
     check_shot_encoding(config, layers, shot.write);
     if (!flags.tev.empty()) tev = make_tev_display(parse_tev_address(flags.tev), shot.source.stem().string());
     log_info(fmt::format("frames {}, to {}", describe_frames(shot.frames), shot.output));
@@ -166,7 +151,7 @@ void add_render(Program& program) {
        "tempera render shot.toml --decompose \"direct=ED;indirect=ED.+\" --tev 127.0.0.1:14158"},
       [&program, flags] {
         const Shot shot = render_shot(program, *flags);
-        if (flags->replay.empty()) hint_at_reconstruction(shot);
+        if (flags->replay.empty()) hint_at_stages(shot);
         return 0;
       });
   flags->add_to(*command);

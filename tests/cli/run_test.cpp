@@ -100,7 +100,9 @@ TEST_F(CliRun, PartsGiveTheBitsOfTheWhole) {
   // Parts on machines of their own: each renders what its windows reach.
   const Outcome first = run_to("one", {"--frames", "1-5", "--no-video", "--threads", "1"});
   ASSERT_EQ(first.status, 0) << first.err;
-  EXPECT_NE(first.err.find("frames 6-7 (2 frames) are rendered as well"), std::string::npos) << first.err;
+  EXPECT_NE(first.err.find("frames 1-5 (5 frames) need 2 more rendered around them, for reconstruct: 6-7 (2 frames)"),
+            std::string::npos)
+      << first.err;
   ASSERT_EQ(run_to("two", {"--frames", "6-12", "--no-video", "--threads", "2"}).status, 0);
   EXPECT_FALSE(fs::exists(rendered("two", 3)));
   EXPECT_TRUE(fs::exists(rendered("two", 4)) && !fs::exists(final_frame("two", 5)));
@@ -138,6 +140,48 @@ TEST_F(CliRun, FramesOfAnEarlierAndLongerShotDoNotCount) {
   const Outcome beyond = run_to("beyond", {"--frames", "11-14", "--no-video"});
   EXPECT_EQ(beyond.status, 0) << beyond.err;
   EXPECT_NE(beyond.err.find("the shot has frames 1-12"), std::string::npos) << beyond.err;
+}
+
+TEST_F(CliRun, HaloBoundsWhatIsRenderedAround) {
+  ASSERT_EQ(run_to("whole", {"--no-video"}).status, 0);
+  const auto part = [&](std::vector<std::string> more) {
+    more.insert(more.end(), {"--frames", "5-7", "--no-video", "--resume"});
+    return run_to("a", more);
+  };
+  // Windows of four frames begin at every second: 5 is in 2-5, 7 in 6-9.
+  const Outcome cut = part({"--halo", "1"});
+  ASSERT_EQ(cut.status, 0) << cut.err;
+  EXPECT_NE(cut.err.find("need 2 more rendered around them, for reconstruct: 4,8 (2 frames)"), std::string::npos)
+      << cut.err;
+  EXPECT_NE(cut.err.find("halo = 1 leaves out frames 2-3,9 (3 frames)"), std::string::npos) << cut.err;
+  EXPECT_NE(cut.err.find("frames 5-7 (3 frames) differ from those of the whole shot"), std::string::npos) << cut.err;
+  EXPECT_NE(cut.err.find("halo = 3 leaves none out"), std::string::npos) << cut.err;
+  EXPECT_TRUE(fs::exists(rendered("a", 4)) && !fs::exists(rendered("a", 3)) && !fs::exists(final_frame("a", 4)));
+  EXPECT_TRUE(SamePixels(rendered("a", 5), rendered("whole", 5))) << "only what is made of them differs";
+  EXPECT_FALSE(SamePixels(final_frame("a", 5), final_frame("whole", 5)));
+  EXPECT_NE(part({"--halo", "1"}).err.find("0 frames reconstructed, 3 already"), std::string::npos);
+
+  // What was made under a bound is not taken for what is made without, nor the other way round.
+  const Outcome all = part({});
+  EXPECT_NE(all.err.find("3 frames reconstructed"), std::string::npos) << all.err;
+  EXPECT_EQ(all.err.find("leaves out"), std::string::npos) << all.err;
+  expect_same_result("whole", "a", 5, 7);
+  EXPECT_NE(part({"--set", "halo=3"}).err.find("0 frames reconstructed, 3 already"), std::string::npos) << "enough";
+  EXPECT_NE(part({"--halo", "0"}).err.find("3 frames reconstructed"), std::string::npos);
+  expect_failure(part({"--halo", "-1"}), 2, "--halo");
+}
+
+TEST_F(CliRun, StagesAreThoseOfTheShot) {
+  const Outcome raw = run_to("a", {"--no-video", "--set", "stages=[]", "--frames", "1-2"});
+  ASSERT_EQ(raw.status, 0) << raw.err;
+  EXPECT_TRUE(fs::exists(rendered("a", 2)) && !fs::exists(path("a/final")) && !fs::exists(rendered("a", 3)));
+  const Outcome named = run_to("a", {"--no-video", "--set", "stages=[\"reconstruct\"]", "--frames", "1-2", "--resume"});
+  EXPECT_NE(named.err.find("step 2 of 2: reconstruct"), std::string::npos) << named.err;
+  EXPECT_TRUE(fs::exists(final_frame("a", 2)));
+  expect_failure(run_to("b", {"--set", "stages=reconstuct"}), 2, "known: reconstruct");
+  expect_failure(run_to("b", {"--set", "stages=reconstruct", "--integrator", "path"}), 2,
+                 "the integrator gradient_path or the integrator temporal_gradient_path would write it");
+  EXPECT_FALSE(fs::exists(path("b")));
 }
 
 TEST_F(CliRun, KilledInAnyStepThenResumedGivesTheSameBits) {

@@ -2,6 +2,7 @@
 // What the program says and how it ends when it is asked wrongly, or asked for help.
 #include <fmt/format.h>
 
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "program.h"
@@ -199,6 +200,18 @@ TEST(Cli, ListShowsTablesWithParameters) {
   for (const char* category : {"layers", "filters", "samplers", "stages", "importers", "bsdfs", "metrics"}) {
     EXPECT_EQ(run({"list", category}).status, 0) << category;
   }
+}
+
+TEST(Cli, ListShowsTheManualOfStages) {
+  const auto j = nlohmann::json::parse(run({"list", "stages", "--json"}).out).at("stages");
+  ASSERT_EQ(j.at(0).at("name"), "reconstruct");
+  std::map<std::string, int> rows;
+  for (const auto& row : j.at(0).at("manual")) ++rows[row.at("what")];
+  EXPECT_EQ(rows["port in"], 1);
+  EXPECT_GE(rows["reads"], 3);
+  EXPECT_GE(rows["writes"], 2);
+  EXPECT_EQ(rows["frames that it reads to make one"], 1);
+  EXPECT_NE(run({"list", "stages"}).out.find("reads: color, grad.x, grad.y: needed"), std::string::npos);
 }
 
 TEST_F(CliFiles, GeneratedPagesAreCurrent) {

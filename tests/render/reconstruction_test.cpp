@@ -11,7 +11,7 @@
 
 #include "support/effort.h"
 #include "tempera/pipeline/render.h"
-#include "tempera/stages/reconstruct.h"
+#include "tempera/stages/stage_run.h"
 
 namespace tempera {
 namespace {
@@ -173,16 +173,17 @@ TEST_P(Reconstruction, HasTheMeanOfPathTracing) {
   shot.shot.frames.clear();
   for (int f = 0; f < kFrames; ++f) shot.shot.frames.push_back(kFirst + f);
   shot.shot.output = path("in.####.exr");
-  ReconstructOptions options;
-  options.params.set("norm", std::string("l2"));
-  options.params.set("iterations", 400);
+  StageChoice choice{&find_stage("reconstruct"), Params(find_stage("reconstruct").params)};
+  choice.params.set("norm", std::string("l2"));
+  choice.params.set("iterations", 400);
   StageObserver observer;
   std::vector<std::vector<double>> results;
   for (int r = 0; r < runs; ++r) {
     shot.shot.settings.seed = std::uint64_t(r);
     render_sequence(shot.shot, shot.scene, {}, {}, {});
     const std::string out = path("out.####.exr");
-    reconstruct(FrameSequence(shot.shot.output), out, options, observer, {});
+    const FrameSequence in(shot.shot.output);
+    run_stage(choice, std::span(&in, 1), out, {}, observer);
     results.push_back(gather("color", [&](int f) { return read_frame(frame_path(out, f)); }));
   }
 

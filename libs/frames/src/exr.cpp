@@ -20,6 +20,7 @@ namespace tempera {
 namespace {
 
 constexpr const char* kLayersAttribute = "tempera/layers";
+constexpr const char* kRolesAttribute = "tempera/layer_roles";
 constexpr float kHalfMax = 65504;  ///< largest value of a 16-bit float
 constexpr int kStrip = 128;  ///< scan lines that are packed or unpacked at once; a multiple of every EXR block height
 
@@ -69,6 +70,19 @@ std::string layers_text(const Frame& frame) {
   return text;
 }
 
+/// Role, pass and path class of the layers of which the vocabulary says others or none: "name <tab> role <tab> pass <tab>
+/// path class" a line. An attribute of its own, as readers of before it take no more fields in the other one.
+std::string roles_text(const Frame& frame) {
+  std::string text;
+  for (const Layer& l : frame.layers()) {
+    const LayerDesc& d = l.desc;
+    const LayerDesc known = layers::find(d.name).value_or(LayerDesc{});
+    if (d.role == known.role && d.pass == known.pass && d.path_class == known.path_class) continue;
+    text += fmt::format("{}\t{}\t{}\t{}\n", d.name, to_string(d.role), d.pass, d.path_class);
+  }
+  return text;
+}
+
 std::vector<std::string> split(const std::string& text, char separator) {
   std::vector<std::string> parts;
   std::size_t begin = 0;
@@ -80,7 +94,8 @@ std::vector<std::string> split(const std::string& text, char separator) {
   }
 }
 
-std::vector<LayerDesc> parse_layers_text(const std::string& text) {
+/// `roles`: as roles_text makes it.
+std::vector<LayerDesc> parse_layers_text(const std::string& text, const std::string& roles) {
   std::vector<LayerDesc> out;
   for (const std::string& line : split(text, '\n')) {
     const auto fields = split(line, '\t');
@@ -89,7 +104,22 @@ std::vector<LayerDesc> parse_layers_text(const std::string& text) {
     for (const Combine c : {Combine::kSum, Combine::kFirst, Combine::kId, Combine::kVariance}) {
       if (fields[2] == to_string(c)) d.combine = c;
     }
+    if (const auto known = layers::find(d.name)) {
+      d.role = known->role, d.pass = known->pass, d.path_class = known->path_class;
+    }
     out.push_back(std::move(d));
+  }
+  for (const std::string& line : split(roles, '\n')) {
+    const auto fields = split(line, '\t');
+    if (fields.size() != 4) continue;
+    for (LayerDesc& d : out) {
+      if (d.name != fields[0]) continue;
+      for (const LayerRole r :
+           {LayerRole::kFeature, LayerRole::kPicture, LayerRole::kStatistic, LayerRole::kReconstruction}) {
+        if (fields[1] == to_string(r)) d.role = r;
+      }
+      d.pass = fields[2], d.path_class = fields[3];
+    }
   }
   return out;
 }
@@ -193,7 +223,10 @@ void write_frame(const std::string& path, const Frame& frame, const WriteOptions
   }
   // The library would add the time of day, and the same frame would not give the same file.
   if (!metadata.contains("DateTime")) spec.attribute("DateTime", "");
-  if (options.names == AovNames::kTempera) spec.attribute(kLayersAttribute, layers_text(frame));
+  if (options.names == AovNames::kTempera) {
+    spec.attribute(kLayersAttribute, layers_text(frame));
+    if (const std::string roles = roles_text(frame); !roles.empty()) spec.attribute(kRolesAttribute, roles);
+  }
   if (options.names == AovNames::kBlender) spec.attribute("BlenderMultiChannel", "Blender V2.55.1 and newer");
 
   // The file is built in memory, so that every byte goes through write_file and its checks: streams inside the image
@@ -262,9 +295,17 @@ OIIO::TypeDesc channel_format(const OIIO::ImageSpec& spec, int c) {
 
 Metadata metadata_of(const OIIO::ImageSpec& spec) {
   // Attributes that describe the file rather than the frame.
-  static const std::set<std::string> structural{
-      "compression", "PixelAspectRatio",    "screenWindowWidth", "screenWindowCenter",  "name",
-      "type",        "BlenderMultiChannel", kLayersAttribute,    "dwaCompressionLevel", "CompressionQuality"};
+  static const std::set<std::string> structural{"compression",
+                                                "PixelAspectRatio",
+                                                "screenWindowWidth",
+                                                "screenWindowCenter",
+                                                "name",
+                                                "type",
+                                                "BlenderMultiChannel",
+                                                kLayersAttribute,
+                                                kRolesAttribute,
+                                                "dwaCompressionLevel",
+                                                "CompressionQuality"};
   Metadata m;
   for (const auto& p : spec.extra_attribs) {
     const std::string name = p.name().string();
@@ -372,7 +413,8 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
   }
 
   // Our own descriptors, where the file has them, say what the names cannot.
-  std::vector<LayerDesc> stored = parse_layers_text(first.get_string_attribute(kLayersAttribute));
+  std::vector<LayerDesc> stored =
+      parse_layers_text(first.get_string_attribute(kLayersAttribute), first.get_string_attribute(kRolesAttribute));
   std::vector<LayerSource> ordered;
   for (const LayerDesc& d : stored) {
     for (LayerSource& l : f.layers) {
@@ -531,10 +573,10 @@ Metadata read_metadata(const std::string& path) { return open_file(path, {}).hea
 
 std::string content_identity(const std::string& path) {
   const Metadata metadata = read_metadata(path);
-  for (const char* key : {kFingerprintKey, kReconstructFingerprintKey}) {
-    const auto it = metadata.find(key);
-    if (it == metadata.end()) continue;
-    if (const auto* text = std::get_if<std::string>(&it->second)) return *text;
+  for (const auto& [key, value] : metadata) {
+    const auto* text = is_fingerprint_key(key) ? std::get_if<std::string>(&value) : nullptr;
+    // Two stages without parameters may come to the same fingerprint for the same input.
+    if (text) return key == kFingerprintKey ? *text : fmt::format("{} {}", key, *text);
   }
   std::error_code ignored;
   const auto time = std::filesystem::last_write_time(path, ignored).time_since_epoch().count();

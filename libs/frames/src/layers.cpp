@@ -23,6 +23,20 @@ std::string_view to_string(Combine combine) {
   return "mean";
 }
 
+std::string_view to_string(LayerRole role) {
+  switch (role) {
+    case LayerRole::kFeature:
+      return "feature";
+    case LayerRole::kPicture:
+      return "picture";
+    case LayerRole::kStatistic:
+      return "statistic";
+    case LayerRole::kReconstruction:
+      return "reconstruction";
+  }
+  return "feature";
+}
+
 std::string LayerDesc::channel_name(int c) const {
   const std::string& suffix = channels[std::size_t(c)];
   if (name == "color") return suffix;  // plain R, G, B, A: what every viewer opens
@@ -35,12 +49,14 @@ const std::vector<std::string> kRgba{"R", "G", "B", "A"}, kRgb{"R", "G", "B"}, k
 const std::vector<std::string> kXyzv{"X", "Y", "Z", "V"};
 }  // namespace
 
-LayerDesc color() { return {"color", kRgba, units::kRadiance, Combine::kMean}; }
-LayerDesc color_a() { return {"color.a", kRgb, units::kRadiance, Combine::kMean}; }
-LayerDesc color_b() { return {"color.b", kRgb, units::kRadiance, Combine::kMean}; }
-LayerDesc color_variance() { return {"color.var", kRgb, units::kSquaredRadiance, Combine::kVariance}; }
-LayerDesc color_common() { return {"color.common", kRgb, units::kRadiance, Combine::kMean}; }
-LayerDesc color_rare() { return {"color.rare", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc color() { return {"color", kRgba, units::kRadiance, Combine::kMean, LayerRole::kPicture}; }
+LayerDesc color_a() { return {"color.a", kRgb, units::kRadiance, Combine::kMean, LayerRole::kStatistic}; }
+LayerDesc color_b() { return {"color.b", kRgb, units::kRadiance, Combine::kMean, LayerRole::kStatistic}; }
+LayerDesc color_variance() {
+  return {"color.var", kRgb, units::kSquaredRadiance, Combine::kVariance, LayerRole::kStatistic};
+}
+LayerDesc color_common() { return {"color.common", kRgb, units::kRadiance, Combine::kMean, LayerRole::kPicture}; }
+LayerDesc color_rare() { return {"color.rare", kRgb, units::kRadiance, Combine::kMean, LayerRole::kPicture}; }
 LayerDesc albedo() { return {"albedo", kRgb, units::kReflectance, Combine::kMean}; }
 LayerDesc normal() { return {"normal", kXyz, units::kDirection, Combine::kMean}; }
 LayerDesc depth() { return {"depth", {"Z"}, units::kMeters, Combine::kFirst}; }
@@ -50,17 +66,25 @@ LayerDesc uv() { return {"uv", {"U", "V"}, units::kTexture, Combine::kFirst}; }
 LayerDesc emission() { return {"emission", kRgb, units::kRadiance, Combine::kMean}; }
 LayerDesc motion_forward() { return {"motion.forward", kXyzv, units::kPixels, Combine::kFirst}; }
 LayerDesc motion_backward() { return {"motion.backward", kXyzv, units::kPixels, Combine::kFirst}; }
-LayerDesc grad_x() { return {"grad.x", kRgb, units::kRadianceDifference, Combine::kMean}; }
-LayerDesc grad_y() { return {"grad.y", kRgb, units::kRadianceDifference, Combine::kMean}; }
-LayerDesc grad_t() { return {"grad.t", kRgb, units::kRadianceDifference, Combine::kMean}; }
-LayerDesc grad_x_variance() { return {"grad.x.var", kRgb, units::kSquaredRadiance, Combine::kVariance}; }
-LayerDesc grad_y_variance() { return {"grad.y.var", kRgb, units::kSquaredRadiance, Combine::kVariance}; }
-LayerDesc rare_color() { return {"rare.color", kRgb, units::kRadiance, Combine::kMean}; }
-LayerDesc rare_grad_x() { return {"rare.grad.x", kRgb, units::kRadianceDifference, Combine::kMean}; }
-LayerDesc rare_grad_y() { return {"rare.grad.y", kRgb, units::kRadianceDifference, Combine::kMean}; }
-LayerDesc rare_a() { return {"rare.a", kRgb, units::kRadiance, Combine::kMean}; }
-LayerDesc rare_b() { return {"rare.b", kRgb, units::kRadiance, Combine::kMean}; }
-LayerDesc held_color() { return {"held.color", kRgb, units::kRadiance, Combine::kMean}; }
+LayerDesc grad_x() { return {"grad.x", kRgb, units::kRadianceDifference, Combine::kMean, LayerRole::kReconstruction}; }
+LayerDesc grad_y() { return {"grad.y", kRgb, units::kRadianceDifference, Combine::kMean, LayerRole::kReconstruction}; }
+LayerDesc grad_t() { return {"grad.t", kRgb, units::kRadianceDifference, Combine::kMean, LayerRole::kReconstruction}; }
+LayerDesc grad_x_variance() {
+  return {"grad.x.var", kRgb, units::kSquaredRadiance, Combine::kVariance, LayerRole::kReconstruction};
+}
+LayerDesc grad_y_variance() {
+  return {"grad.y.var", kRgb, units::kSquaredRadiance, Combine::kVariance, LayerRole::kReconstruction};
+}
+LayerDesc rare_color() { return {"rare.color", kRgb, units::kRadiance, Combine::kMean, LayerRole::kReconstruction}; }
+LayerDesc rare_grad_x() {
+  return {"rare.grad.x", kRgb, units::kRadianceDifference, Combine::kMean, LayerRole::kReconstruction};
+}
+LayerDesc rare_grad_y() {
+  return {"rare.grad.y", kRgb, units::kRadianceDifference, Combine::kMean, LayerRole::kReconstruction};
+}
+LayerDesc rare_a() { return {"rare.a", kRgb, units::kRadiance, Combine::kMean, LayerRole::kReconstruction}; }
+LayerDesc rare_b() { return {"rare.b", kRgb, units::kRadiance, Combine::kMean, LayerRole::kReconstruction}; }
+LayerDesc held_color() { return {"held.color", kRgb, units::kRadiance, Combine::kMean, LayerRole::kReconstruction}; }
 LayerDesc source() { return {"source", {"X", "Y", "V"}, units::kPixelIndex, Combine::kFirst}; }
 LayerDesc samples() { return {"samples", {"N"}, units::kCount, Combine::kSum}; }
 LayerDesc time() { return {"time", {"T"}, units::kSeconds, Combine::kMean}; }
@@ -72,6 +96,7 @@ LayerDesc crypto(int rank, std::string_view kind) {
 LayerDesc class_layer(std::string_view class_name, const LayerDesc& base) {
   LayerDesc d = base;
   d.name = fmt::format("class.{}.{}", class_name, base.name);
+  d.path_class = class_name;
   if (base.name == "color") d.channels = kRgb;
   return d;
 }
@@ -79,6 +104,7 @@ LayerDesc class_layer(std::string_view class_name, const LayerDesc& base) {
 LayerDesc offset(const LayerDesc& base) {
   LayerDesc d = base;
   d.name = "offset." + base.name;
+  d.pass = "offset";
   return d;
 }
 
@@ -116,7 +142,7 @@ std::optional<LayerDesc> find(std::string_view name) {
                                    [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-'; });
     if (!valid) return std::nullopt;
     if (layer == "reflectance") {  // demodulation divisor of a class: product of the colors at its specular vertices
-      return LayerDesc{std::string(name), kRgb, units::kReflectance, Combine::kMean};
+      return class_layer(class_name, {"reflectance", kRgb, units::kReflectance, Combine::kMean});
     }
     for (const LayerDesc& d : known()) {
       if (d.name == layer) return class_layer(class_name, d);

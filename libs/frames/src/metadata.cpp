@@ -96,6 +96,14 @@ bool RenderInfo::same_render(const RenderInfo& other) const {
   return o == *this;
 }
 
+std::string stage_settings_key(std::string_view stage) { return fmt::format("tempera/{}", stage); }
+std::string stage_command_key(std::string_view stage) { return fmt::format("tempera/{}_command", stage); }
+std::string stage_fingerprint_key(std::string_view stage) { return fmt::format("tempera/{}_fingerprint", stage); }
+
+bool is_fingerprint_key(std::string_view key) {
+  return key == kFingerprintKey || (key.starts_with("tempera/") && key.ends_with("_fingerprint"));
+}
+
 void set_render_info(Metadata& m, const RenderInfo& info) {
   m["tempera/version"] = info.version;
   m["tempera/command"] = info.command;

@@ -121,6 +121,22 @@ std::string output_pattern(const std::string& path, const std::string& name, boo
   return in_directory(path, name);
 }
 
+std::string describe_frames(std::span<const int> frames) {
+  std::string out;
+  for (std::size_t i = 0; i < frames.size();) {
+    std::size_t last = i + 1;
+    const int step = last < frames.size() ? frames[last] - frames[i] : 1;
+    while (last < frames.size() && frames[last] - frames[last - 1] == step) ++last;
+    if (!out.empty()) out += ',';
+    if (last - i < 3 && step != 1) last = i + 1;
+    out += last - i == 1 ? fmt::format("{}", frames[i])
+           : step == 1   ? fmt::format("{}-{}", frames[i], frames[last - 1])
+                         : fmt::format("{}-{}x{}", frames[i], frames[last - 1], step);
+    i = last;
+  }
+  return fmt::format("{} ({} {})", out, frames.size(), frames.size() == 1 ? "frame" : "frames");
+}
+
 std::vector<int> existing_frames(const std::string& pattern) {
   if (!has_frame_pattern(pattern)) return {};
   // What stands around the number: paths of two frames differ first in the number's last digit, and those of 1 and -1

@@ -51,6 +51,21 @@ TEST(Layers, FindsComposedNames) {
   }
 }
 
+TEST(Layers, SayWhatTheyAreToLaterSteps) {
+  EXPECT_EQ(layers::color().role, LayerRole::kPicture);
+  EXPECT_EQ(layers::color_variance().role, LayerRole::kStatistic);
+  EXPECT_EQ(layers::albedo().role, LayerRole::kFeature);
+  EXPECT_EQ(layers::samples().role, LayerRole::kFeature) << "true of the pixel, whatever is made of its light";
+  EXPECT_EQ(layers::held_color().role, LayerRole::kReconstruction);
+  EXPECT_EQ(layers::color().pass + layers::color().path_class, "");
+  const LayerDesc part = *layers::find("offset.class.dd.grad.x");
+  EXPECT_EQ(part.role, LayerRole::kReconstruction);
+  EXPECT_EQ(part.pass, "offset");
+  EXPECT_EQ(part.path_class, "dd");
+  EXPECT_EQ(layers::find("class.dd.reflectance")->path_class, "dd");
+  EXPECT_EQ(layers::derived(layers::color_a(), "denoised").role, LayerRole::kStatistic) << "as what it is made of";
+}
+
 TEST(Layers, ParsesUserInput) {
   EXPECT_EQ(names_of(parse_layer_names("albedo,normal, class.dd.color ,albedo")),
             (std::vector<std::string>{"albedo", "normal", "class.dd.color"}));

@@ -196,7 +196,9 @@ void save(const LayerDesc& desc, ByteWriter& out) {
   out.value(std::uint64_t(desc.channels.size()));
   for (const std::string& c : desc.channels) out.text(c);
   out.text(desc.unit);
-  out.value(desc.combine);
+  out.value(desc.combine), out.value(desc.role);
+  out.text(desc.pass);
+  out.text(desc.path_class);
 }
 
 LayerDesc read_layer(ByteReader& in) {
@@ -204,7 +206,9 @@ LayerDesc read_layer(ByteReader& in) {
   desc.name = in.text();
   for (auto n = in.value<std::uint64_t>(); n > 0; --n) desc.channels.push_back(in.text());
   desc.unit = in.text();
-  in.value(desc.combine);
+  in.value(desc.combine), in.value(desc.role);
+  desc.pass = in.text();
+  desc.path_class = in.text();
   return desc;
 }
 

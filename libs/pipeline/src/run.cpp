@@ -4,10 +4,13 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cstdlib>
+#include <limits>
+#include <set>
 
 #include "hash.h"
 #include "tempera/frames/frame.h"
-#include "tempera/stages/reconstruct.h"
+#include "tempera/stages/stage_plan.h"
 
 namespace tempera {
 
@@ -29,39 +32,165 @@ fs::path with_range(const fs::path& movie, const std::vector<int>& frames) {
          fmt::format("{}.{}-{}{}", movie.stem().string(), *first, *last, movie.extension().string());
 }
 
-void plan_reconstruction(const ShotConfig& config, const Shot& shot, const std::vector<LayerDesc>& layers,
-                         RunPlan& plan) {
-  const std::string name = fs::path(plan.render.output).filename().string();
-  plan.output = shot.final_output.empty() ? (fs::path(plan.render.output).parent_path() / "final" / name).string()
-                                          : settle_output(config, shot, "reconstruct.path", name);
-  const auto [first, last] = std::minmax_element(shot.frames.begin(), shot.frames.end());
-  plan.sequence = {std::min(*first, shot.sequence.first), std::max(*last, shot.sequence.last)};
-  plan.render.frames = reconstruction_inputs(shot.frames, plan.sequence, shot.reconstruct, layers);
-  if (plan.render.frames.size() > 1) plan.render.output = numbered_pattern(plan.render.output);
-  const fs::path rendered = plan.render.output;
-  if (fs::absolute(plan.output).lexically_normal() == fs::absolute(rendered).lexically_normal()) {
-    throw Error(
-        ErrorCode::kBadInput, config.loc("reconstruct.path"),
-        fmt::format("the final frames {} would replace those that they are made of; name another place", plan.output));
+/// How frames with this layer can be had, as the end of a sentence; empty if nothing writes it.
+std::string how_to_get(const LayerDesc& layer, const Shot& shot) {
+  const auto writes = [&](const std::string& integrator, const Params& params, bool asked) {
+    RenderSettings settings = shot.settings;
+    if (asked) settings.layers.push_back(layer.name);
+    try {
+      const std::vector<LayerDesc> all = rendered_layers(integrator, params, settings);
+      return std::any_of(all.begin(), all.end(), [&](const LayerDesc& d) { return d.name == layer.name; });
+    } catch (const Error&) {
+      return false;
+    }
+  };
+  if (writes(shot.integrator, shot.params, true)) return "name it in output.layers";
+  std::vector<std::string> who;
+  for (const IntegratorEntry* e : integrator_catalog()) {
+    if (!writes(e->name, Params(e->params), false)) continue;
+    who.push_back(fmt::format("the integrator {}{}", e->name, e->name == shot.integrator ? " by default" : ""));
   }
-  if (plan.sequence != shot.sequence) {
+  for (const StageEntry* e : stage_catalog()) {
+    const auto wrote = [&](const LayerHelp& h) {
+      return std::find(h.layers.begin(), h.layers.end(), layer.name) != h.layers.end();
+    };
+    if (std::any_of(e->writes.begin(), e->writes.end(), wrote)) who.push_back(fmt::format("the stage {}", e->name));
+  }
+  return who.empty() ? "nothing writes it" : fmt::format("{} would write it", fmt::join(who, " or "));
+}
+
+/// The parts of the sequence that the frames asked for are made in, and which of them in each. `halo`: see Shot.
+std::vector<StageSection> sections_of(std::vector<int> frames, const FrameRange& sequence, int halo) {
+  std::sort(frames.begin(), frames.end());
+  if (halo < 0) return {{frames, sequence, sequence}};
+  std::vector<StageSection> out;
+  for (const int f : frames) {
+    const FrameRange reach{int(std::max<std::int64_t>(std::int64_t(f) - halo, sequence.first)),
+                           int(std::min<std::int64_t>(std::int64_t(f) + halo, sequence.last))};
+    if (out.empty() || out.back().reach->last + 1 < reach.first) out.push_back({{}, sequence, reach});
+    out.back().reach->last = reach.last;
+    out.back().frames.push_back(f);
+  }
+  return out;
+}
+
+HaloLoss halo_loss(std::span<const StageChoice> chain, SequenceDesc source, const std::vector<StageSection>& sections) {
+  HaloLoss loss;
+  source.reach = source.sequence;
+  std::set<int> left_out;
+  for (const StageSection& s : sections) {
+    for (const int f : s.frames) {
+      std::vector<int> beyond = plan_stages(chain, source, std::span(&f, 1)).source;
+      std::erase_if(beyond, [&](int g) { return s.reach->contains(g); });
+      if (!beyond.empty()) loss.differing.push_back(f);
+      left_out.insert(beyond.begin(), beyond.end());
+    }
+  }
+  loss.left_out.assign(left_out.begin(), left_out.end());
+  for (const int g : left_out) {
+    int nearest = std::numeric_limits<int>::max();
+    for (const StageSection& s : sections) {
+      for (const int f : s.frames) nearest = std::min(nearest, std::abs(f - g));
+    }
+    loss.enough = std::max(loss.enough, nearest);
+  }
+  return loss;
+}
+
+/// Where the frames of each step go.
+void plan_places(const ShotConfig& config, const Shot& shot, RunPlan& plan) {
+  const fs::path rendered = plan.render.output;
+  const std::string name = rendered.filename().string();
+  if (plan.render.frames.size() > 1) plan.render.output = numbered_pattern(plan.render.output);
+  std::vector<std::string> places{plan.render.output};
+  for (std::size_t i = 0; i < plan.stages.size(); ++i) {
+    RunStage& stage = plan.stages[i];
+    const bool last = i + 1 == plan.stages.size();
+    const std::string& own = stage.choice.entry->name;
+    const std::string key = own + ".path";
+    stage.output = shot.stages[i].path.empty() ? (rendered.parent_path() / (last ? "final" : own) / name).string()
+                                               : settle_output(config, shot, key, name);
+    if (stage.frames.size() > 1) stage.output = numbered_pattern(stage.output);
+    for (const std::string& place : places) {
+      if (fs::absolute(stage.output).lexically_normal() != fs::absolute(place).lexically_normal()) continue;
+      throw Error(ErrorCode::kBadInput, config.loc(key),
+                  fmt::format("the {} {} would replace those that they are made of; name another place",
+                              stage.choice.entry->output_help, stage.output));
+    }
+    places.push_back(stage.output);
+  }
+  plan.output = plan.stages.back().output;
+}
+
+/// `layers`: of the rendered frames. Returns those of the result.
+std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& shot, std::vector<LayerDesc> layers,
+                                       RunPlan& plan) {
+  const auto [first, last] = std::minmax_element(shot.frames.begin(), shot.frames.end());
+  SequenceDesc source;
+  source.sequence = {std::min(*first, shot.sequence.first), std::max(*last, shot.sequence.last)};
+  source.width = shot.settings.crop_width > 0 ? shot.settings.crop_width : shot.settings.width;
+  source.height = shot.settings.crop_width > 0 ? shot.settings.crop_height : shot.settings.height;
+  source.layers = std::move(layers);
+  if (source.sequence != shot.sequence) {
     log_warning(
         fmt::format("the shot has frames {}-{}: as others were asked for, {}-{} are taken for the sequence, and "
                     "frames near its ends differ from those of the shot alone",
-                    shot.sequence.first, shot.sequence.last, plan.sequence.first, plan.sequence.last));
+                    shot.sequence.first, shot.sequence.last, source.sequence.first, source.sequence.last));
   }
+  std::vector<StageChoice> chain;
+  for (const ShotStage& s : shot.stages) {
+    chain.push_back(s.choice);
+    // The files between steps are read by stages: under our names, and without loss. What was asked for holds for the
+    // result.
+    WriteOptions between = shot.write;
+    between.names = AovNames::kTempera, between.half = false;
+    if (between.compression == Compression::kDwaa) between.compression = Compression::kZip;
+    plan.stages.push_back({s.choice, "", {}, {}, between});
+  }
+  plan.stages.back().write = shot.final_write;
+  plan.render.write.names = AovNames::kTempera;
+  if (plan.render.write.compression == Compression::kDwaa) plan.render.write.compression = Compression::kZip;
+
+  const std::vector<StageSection> sections = sections_of(shot.frames, source.sequence, shot.halo);
+  std::set<int> rendered;
+  try {
+    for (const StageSection& section : sections) {
+      source.reach = *section.reach;
+      const StagePlan chained = plan_stages(chain, source, section.frames);
+      rendered.insert(chained.source.begin(), chained.source.end());
+      for (std::size_t i = 0; i < chain.size(); ++i) {
+        const std::vector<int>& frames = chained.steps[i].frames;
+        RunStage& stage = plan.stages[i];
+        stage.frames.insert(stage.frames.end(), frames.begin(), frames.end());
+        if (!frames.empty()) stage.sections.push_back({frames, section.sequence, section.reach});
+      }
+      layers = chained.steps.back().out.layers;
+    }
+    if (shot.halo >= 0) plan.loss = halo_loss(chain, source, sections);
+  } catch (const MissingLayerError& e) {
+    throw Error(e.code(), config.loc("stages", e.step()),
+                fmt::format("{}, which no step before it writes: {}", e.message(), how_to_get(e.use().layer, shot)));
+  } catch (const Error& e) {
+    if (!e.loc().file.empty() || !config.find("stages")) throw;
+    throw Error(e.code(), config.loc("stages"), e.message());
+  }
+  const std::vector<int>& made = plan.stages.back().frames;
+  std::erase_if(plan.frames, [&](int f) { return !std::binary_search(made.begin(), made.end(), f); });
+  if (plan.frames.empty()) {
+    throw Error(ErrorCode::kBadInput, config.loc("stages"),
+                fmt::format("the stages make none of the frames {}", describe_frames(shot.frames)));
+  }
+  plan.render.frames.assign(rendered.begin(), rendered.end());
   for (const int f : plan.render.frames) {
     if (std::find(shot.frames.begin(), shot.frames.end(), f) == shot.frames.end()) plan.neighbors.push_back(f);
   }
-  // The rendered files are read by the stage: under our names, and without loss. What was asked for holds for the
-  // result.
-  plan.render.write.names = AovNames::kTempera;
-  if (plan.render.write.compression == Compression::kDwaa) plan.render.write.compression = Compression::kZip;
+  plan_places(config, shot, plan);
+  return layers;
 }
 
 /// `layers`: of the frames that are the result.
 void plan_movie(const ShotConfig& config, const Shot& shot, const std::vector<LayerDesc>& layers, RunPlan& plan) {
-  if (shot.video_path.empty() && shot.frames.size() < 2) return;
+  if (shot.video_path.empty() && plan.frames.size() < 2) return;
   fs::path movie = shot.video_path;
   if (movie.empty()) movie = default_movie(plan.render.output, shot.video.codec == "ffv1" ? ".mkv" : ".mp4");
   plan.video_path = (shot.is_part && !shot.video_path_is_typed ? with_range(movie, shot.frames) : movie).string();
@@ -87,22 +216,23 @@ RunPlan plan_run(const ShotConfig& config, const Shot& shot, bool video) {
   RunPlan plan;
   plan.render = shot;
   plan.frames = shot.frames;
-  plan.sequence = shot.sequence;
   if (shot.output.empty()) {
     const std::string name = shot_name(shot.source);
     plan.render.output = (fs::path("out") / name / (name + ".####.exr")).string();
   }
   plan.output = plan.render.output;
-  const std::vector<LayerDesc> layers = find_method(shot.integrator).make(shot.params)->outputs(shot.settings);
-  plan.reconstructs = has_differences(layers);
-  std::vector<LayerDesc> result = layers;
-  if (plan.reconstructs) {
-    plan_reconstruction(config, shot, layers, plan);
-    std::erase_if(result, [](const LayerDesc& d) { return !survives_reconstruction(d.name); });
-  }
+  std::vector<LayerDesc> result = rendered_layers(shot);
+  if (!shot.stages.empty()) result = plan_the_stages(config, shot, std::move(result), plan);
   check_shot_encoding(config, result, shot.final_write);
   if (video) plan_movie(config, shot, result, plan);
   return plan;
+}
+
+std::vector<FrameSequence> stage_input(const RunPlan& plan, std::size_t step) {
+  const FrameSequence rendered(plan.render.output, plan.render.frames);
+  std::vector<FrameSequence> in(plan.stages[step].choice.entry->ports.size(), rendered);
+  if (step > 0) in[0] = FrameSequence(plan.stages[step - 1].output, plan.stages[step - 1].frames);
+  return in;
 }
 
 std::string movie_identity(const FrameSequence& frames, const VideoOptions& options) {

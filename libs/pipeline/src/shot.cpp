@@ -16,7 +16,6 @@
 #include "tempera/pipeline/scene_edits.h"
 #include "tempera/scene/default_view.h"
 #include "tempera/shading/color_space.h"
-#include "tempera/stages/reconstruct.h"
 
 namespace tempera {
 
@@ -223,19 +222,51 @@ void settle_frames(const ShotConfig& config, const Scene& scene, Shot& shot) {
   shot.is_part = std::any_of(whole.begin(), whole.end(), [&](int f) { return !chosen.contains(f); });
 }
 
-void settle_reconstruction(const ShotConfig& config, Shot& shot) {
-  shot.reconstruct = Params(reconstruct_params());
-  for (const ParamSpec& s : reconstruct_params()) {
-    const std::string key = "reconstruct." + s.name;
-    if (const ShotValue* v = config.find(key)) shot.reconstruct.set(s.name, v->value, v->loc);
+/// The parameters of a stage, from its table. Errors: where one is given that is at fault.
+Params stage_params(const ShotConfig& config, const StageEntry& entry) {
+  Params params(entry.params);
+  const auto key = [&](const std::string& param) { return entry.name + "." + param; };
+  for (const ParamSpec& s : entry.params) {
+    if (const ShotValue* v = config.find(key(s.name))) params.set(s.name, v->value, v->loc);
   }
   try {
-    check_reconstruct_params(shot.reconstruct);
-  } catch (const Error& e) {  // of two parameters together
-    throw Error(e.code(), config.loc(config.find("reconstruct.overlap") ? "reconstruct.overlap" : "reconstruct.window"),
-                e.message());
+    entry.make(params);
+  } catch (const StageParamError& e) {  // of several together
+    const auto given = std::find_if(e.params().begin(), e.params().end(),
+                                    [&](const std::string& param) { return config.find(key(param)) != nullptr; });
+    throw Error(e.code(), given == e.params().end() ? SourceLoc{} : config.loc(key(*given)), e.message());
   }
-  shot.final_output = config.get_string("reconstruct.path");
+  return params;
+}
+
+/// `layers`: of the rendered frames.
+void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, Shot& shot) {
+  std::map<std::string, Params> params;  // tables of stages that the shot leaves out are checked, too
+  for (const StageEntry* e : stage_catalog()) params[e->name] = stage_params(config, *e);
+  const auto add = [&](const StageEntry& e) {
+    shot.stages.push_back({{&e, params.at(e.name)}, config.get_string(e.name + ".path")});
+  };
+  shot.halo = config.get_int("halo");
+  if (!config.find("stages")) {
+    for (const StageEntry* e : stage_catalog()) {
+      if (e->follows && e->follows(layers)) add(*e);
+    }
+    return;
+  }
+  std::string_view text = config.get_string("stages");
+  for (std::size_t i = 0; !text.empty(); ++i) {
+    std::string_view name = text.substr(0, text.find(','));
+    text.remove_prefix(std::min(name.size() + 1, text.size()));
+    while (!name.empty() && name.front() == ' ') name.remove_prefix(1);
+    while (!name.empty() && name.back() == ' ') name.remove_suffix(1);
+    const SourceLoc loc = config.loc("stages", i);
+    const StageEntry& entry = find_stage(std::string(name), loc);
+    for (const ShotStage& s : shot.stages) {
+      if (s.choice.entry == &entry)
+        throw Error(ErrorCode::kBadInput, loc, fmt::format("the stage {} is named twice", name));
+    }
+    add(entry);
+  }
 }
 
 void settle_classes(const ShotConfig& config, RenderSettings& s) {
@@ -530,7 +561,6 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   settle_integrator(config, scene.defaults, shot);
 
   settle_frames(config, scene, shot);
-  settle_reconstruction(config, shot);
   if (config.find("output.path"))
     shot.output = settle_output(config, shot, "output.path", shot_name(shot.source) + ".####.exr");
   shot.write.compression = parse_compression(config.get_string("output.compression"));
@@ -568,9 +598,10 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   settle_motion(config, scene, shot);
 
   // Which layers an integrator can write is its own knowledge; ask it before a ray is traced.
+  std::vector<LayerDesc> layers;
   try {
+    layers = rendered_layers(shot);
     const auto method = find_method(shot.integrator).make(shot.params);
-    const auto outputs = method->outputs(s);
     const int frame = shot.frames.empty() ? shot.sequence.first : shot.frames[0];
     method->passes(s, method->section(s, shot.sequence, frame));
     if (config.find("film.mask")) {
@@ -582,15 +613,23 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
                                        shot.integrator));
       }
     }
-    if (shot.write.half && has_differences(outputs)) {
-      log_warning("differences of 16-bit floats are too coarse to reconstruct from: rendered files hold 32-bit floats");
-      shot.write.half = false;
-    }
   } catch (const SettingError& e) {
     // Where the scene or a default made the setting, the choice of the integrator is at fault.
     throw Error(e.code(), config.loc(config.find(e.key()) ? e.key() : "integrator.name"), e.message());
   }
+  settle_stages(config, layers, shot);
+  const bool exact = std::any_of(layers.begin(), layers.end(),
+                                 [](const LayerDesc& d) { return d.role == LayerRole::kReconstruction; });
+  if (shot.write.half && exact) {
+    log_warning("differences of 16-bit floats are too coarse to reconstruct from: rendered files hold 32-bit floats");
+    shot.write.half = false;
+  }
   return shot;
+}
+
+std::vector<LayerDesc> rendered_layers(const std::string& integrator, const Params& params,
+                                       const RenderSettings& settings) {
+  return find_integrator(integrator).make(params)->outputs(settings);
 }
 
 std::string shot_name(const std::filesystem::path& source) {

@@ -203,7 +203,9 @@ void ShotConfig::set_node(const KeyPath& key, const Node& node) {
       return text;
     };
     const std::string text = fixed || open ? joined(joined, *array, ',') : "";
-    set(key, {text, loc}, node.key_loc);
+    std::vector<SourceLoc> elements;
+    for (const toml::node& element : *array) elements.push_back(node.loc(element));
+    set(key, {text, loc, false, std::move(elements)}, node.key_loc);
     return;
   }
   set(key, {scalar(node.toml, dotted, loc), loc}, node.key_loc);
@@ -221,7 +223,7 @@ void ShotConfig::set(const KeyPath& key, const ShotValue& value, const SourceLoc
       check.set(dotted, value.value, value.loc);
     }
     ShotValue& out = values_[key];
-    out.loc = value.loc;
+    out.loc = value.loc, out.elements = value.elements;
     switch (fixed->spec.fallback.index()) {
       case 0:
         out.value = check.get_bool(dotted);
@@ -319,6 +321,11 @@ const ParamValue& ShotConfig::get(const std::string& key) const {
 SourceLoc ShotConfig::loc(const std::string& key) const {
   const ShotValue* v = find(key);
   return v ? v->loc : SourceLoc{};
+}
+
+SourceLoc ShotConfig::loc(const std::string& key, std::size_t i) const {
+  const ShotValue* v = find(key);
+  return v && i < v->elements.size() ? v->elements[i] : loc(key);
 }
 
 std::filesystem::path ShotConfig::input_path(const ShotValue& value) const {

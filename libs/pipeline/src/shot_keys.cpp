@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The keys of shot.toml. What stands here is what --help, docs/shot.md and the parser know.
+#include <fmt/format.h>
+
 #include <algorithm>
 
 #include "tempera/pipeline/scene_edits.h"
 #include "tempera/pipeline/shot_config.h"
-#include "tempera/stages/reconstruct.h"
+#include "tempera/stages/stage.h"
 
 namespace tempera {
 
@@ -30,6 +32,10 @@ std::vector<ShotKey> own_keys() {
        "the scene's start of exposure, else 0"},
       {{"motion_segments", "auto", "segments of a frame between which motion is interpolated, 1 to 1024; auto: as many as the motion needs, one number for the whole shot"}, "", "N", "", true},
       {{"cuts", "", "first frames after cuts: motion ends there, and nothing looks across; jumps of the camera are found without it"}, "", "FRAMES", "", true},
+
+      {{"stages", "", "what follows the render, in this order; `tempera list stages` names them, and each has a table; []: nothing"}, "", "A,B", "", true},
+      {{"halo", -1, "frames at most that are made around those asked for, on either side, where stages look at several; beyond them the shot is "
+        "taken to end; -1: as many as the stages look at", -1, 1e9}, "", "N"},
 
       {{"shutter.open", 0.0, "start of exposure, in frames from the frame's time", -10, 10}, "", "FRAMES", "the scene's, else 0"},
       {{"shutter.close", 0.5, "end of exposure; as `open` for no motion blur", -10, 10}, "", "FRAMES", "the scene's, else 0.5"},
@@ -76,9 +82,6 @@ std::vector<ShotKey> own_keys() {
       {{"environment.camera_visible", true, "whether the camera sees it"}, "", ""},
       {{"environment.keep", false, "add to the scene's own environment instead of replacing it"}, "", ""},
 
-      {{"reconstruct.path", "", "final frames that run makes of the differences of a gradient-domain integrator; as output.path"}, "",
-       "PATH", "the folder final next to the rendered frames"},
-
       {{"video.path", "", "movie that run makes, relative to the current directory"}, "", "FILE",
        "NAME.mp4 next to the rendered frames"},
       {{"video.fps", 0.0, "frame rate of the movie; 0: that of the shot", 0, 1000}, "", "N"},
@@ -92,7 +95,8 @@ std::vector<ShotKey> own_keys() {
   };
 }
 
-/// With the parameters of cameras and stages, each below the keys that are the shot's own in its table.
+/// With the parameters of cameras below the keys that are the shot's own in their table, and the tables of the stages
+/// before what is made of their frames.
 std::vector<ShotKey> all_keys() {
   std::vector<ShotKey> all = own_keys();
   const auto add = [&](const std::string& table, const char* after, std::span<const ParamSpec> params, bool of_scene) {
@@ -106,7 +110,22 @@ std::vector<ShotKey> all_keys() {
     }
   };
   add("camera.", "camera.name", camera_params(), true);
-  add("reconstruct.", "reconstruct.path", reconstruct_params(), false);
+  std::string automatic;
+  for (const StageEntry* e : stage_catalog()) {
+    ShotKey path{{e->name + ".path", "",
+                  e->output_help + " that run makes, where this stage is among those of the shot; as output.path"},
+                 "",
+                 "PATH",
+                 "next to the rendered frames a folder final for the last stage, else called like the stage"};
+    const auto video =
+        std::find_if(all.begin(), all.end(), [](const ShotKey& k) { return k.spec.name.starts_with("video."); });
+    all.insert(video, std::move(path));
+    add(e->name + ".", (e->name + ".path").c_str(), e->params, false);
+    if (e->follows) automatic += fmt::format("{}{} after {}", automatic.empty() ? "" : ", ", e->name, e->follows_help);
+  }
+  for (ShotKey& k : all) {
+    if (k.spec.name == "stages") k.fallback_help = automatic;
+  }
   return all;
 }
 }  // namespace

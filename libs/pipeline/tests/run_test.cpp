@@ -68,13 +68,66 @@ TEST(RunPlan, PartsRenderWhatTheirWindowsReach) {
   EXPECT_EQ(part.render.frames.front(), 45);
   EXPECT_EQ(part.render.frames.back(), 104);
   EXPECT_EQ(part.neighbors, (std::vector<int>{45, 46, 47, 48, 49, 100, 101, 102, 103, 104}));
-  EXPECT_EQ(part.sequence, (FrameRange{1, 240}));
+  ASSERT_EQ(part.stages.size(), 1u);
+  EXPECT_EQ(part.stages[0].frames, part.frames);
+  ASSERT_EQ(part.stages[0].sections.size(), 1u);
+  EXPECT_EQ(part.stages[0].sections[0].sequence, (FrameRange{1, 240}));
+  EXPECT_EQ(part.stages[0].sections[0].reach, (FrameRange{1, 240}));
   EXPECT_TRUE(plan(kTemporal).neighbors.empty());
   EXPECT_TRUE(plan("", {"frames=51-100"}).neighbors.empty()) << "nothing is reconstructed";
   EXPECT_TRUE(plan("[integrator]\nname = \"gradient_path\"\n", {"frames=51-100"}).neighbors.empty());
   EXPECT_EQ(plan("", {"frames=9,3"}).render.frames, (std::vector<int>{9, 3})) << "in the order written";
   const RunPlan beyond = plan(kTemporal, {"frames=236-250"});
-  EXPECT_EQ(beyond.sequence, (FrameRange{1, 250}));
+  EXPECT_EQ(beyond.stages[0].sections[0].sequence, (FrameRange{1, 250}));
+}
+
+TEST(RunPlan, StagesAreThoseThatTheShotNames) {
+  EXPECT_TRUE(plan("").stages.empty());
+  EXPECT_EQ(plan(kTemporal).stages.size(), 1u) << "as such frames are made for";
+  const RunPlan raw = plan("stages = []\n" + kTemporal);
+  EXPECT_TRUE(raw.stages.empty());
+  EXPECT_EQ(raw.output, raw.render.output);
+  const RunPlan named = plan("stages = [\"reconstruct\"]\n" + kTemporal);
+  ASSERT_EQ(named.stages.size(), 1u);
+  EXPECT_EQ(named.stages[0].choice.entry->name, "reconstruct");
+  EXPECT_EQ(named.output, plan(kTemporal).output);
+  EXPECT_EQ(plan(kTemporal, {"stages=reconstruct"}).stages.size(), 1u);
+  EXPECT_TRUE(plan(kTemporal, {"stages="}).stages.empty());
+}
+
+TEST(RunPlan, MoviesShowWhatStagesWrite) {
+  EXPECT_NO_THROW(plan(kTemporal + "[video]\nlayer = \"color.rare\"\n"));
+  EXPECT_THROW(plan(kTemporal + "[video]\nlayer = \"color.rare\"\n[reconstruct]\nparts = \"no\"\n"), Error);
+}
+
+TEST(RunPlan, HaloBoundsTheFramesAroundAndTellsTheLoss) {
+  const RunPlan whole = plan(kTemporal, {"frames=9-16"});
+  // Windows of ten frames begin at every fifth: frame 9 is in 0-9, and 16 in 15-24.
+  EXPECT_EQ(whole.neighbors, (std::vector<int>{1, 2, 3, 4, 5, 6, 7, 8, 17, 18, 19, 20, 21, 22, 23, 24}));
+  EXPECT_TRUE(whole.loss.left_out.empty() && whole.loss.differing.empty());
+
+  const RunPlan cut = plan(kTemporal, {"frames=9-16", "halo=2"});
+  EXPECT_EQ(cut.neighbors, (std::vector<int>{7, 8, 17, 18}));
+  EXPECT_EQ(cut.loss.left_out, (std::vector<int>{1, 2, 3, 4, 5, 6, 19, 20, 21, 22, 23, 24}));
+  EXPECT_EQ(cut.loss.differing, (std::vector<int>{9, 10, 11, 12, 13, 14, 15, 16}));
+  EXPECT_EQ(cut.loss.enough, 8);
+  EXPECT_EQ(plan(kTemporal, {"frames=9-16", "halo=7"}).loss.differing, (std::vector<int>{9, 15, 16}));
+  ASSERT_EQ(cut.stages[0].sections.size(), 1u);
+  EXPECT_EQ(cut.stages[0].sections[0].reach, (FrameRange{7, 18}));
+  EXPECT_EQ(cut.stages[0].sections[0].sequence, (FrameRange{1, 240}));
+  EXPECT_TRUE(plan(kTemporal, {"frames=9-16", "halo=9"}).loss.left_out.empty());
+  EXPECT_EQ(plan(kTemporal, {"frames=9-16", "halo=9"}).neighbors, whole.neighbors);
+
+  // Runs that lie apart are cut from each other; near ones are not.
+  const RunPlan apart = plan(kTemporal, {"frames=9,40-41,43", "halo=1"});
+  ASSERT_EQ(apart.stages[0].sections.size(), 2u);
+  EXPECT_EQ(apart.stages[0].sections[0].reach, (FrameRange{8, 10}));
+  EXPECT_EQ(apart.stages[0].sections[1].reach, (FrameRange{39, 44}));
+  EXPECT_EQ(apart.render.frames, (std::vector<int>{8, 9, 10, 39, 40, 41, 42, 43, 44}));
+  EXPECT_TRUE(plan(kTemporal, {"frames=9-16", "halo=0"}).neighbors.empty());
+  EXPECT_EQ(plan("halo = 2\n" + kTemporal, {"frames=9-16"}).neighbors, cut.neighbors) << "a key of the file";
+  EXPECT_TRUE(plan(kTemporal, {"halo=0"}).loss.left_out.empty()) << "all frames of the shot are asked for";
+  EXPECT_TRUE(plan("", {"frames=9-16", "halo=0"}).loss.left_out.empty()) << "nothing looks around";
 }
 
 TEST(RunPlan, MoviesOfPartsDoNotReplaceThatOfTheWhole) {
@@ -116,6 +169,24 @@ TEST(RunPlan, ErrorsNameTheirPlace) {
   EXPECT_EQ(error_of("[video]\npath = \"a.gif\"\n").loc().line, 4);
   EXPECT_EQ(error_of("[video]\npath = \"a.mp4\"\ncodec = \"ffv1\"\n").loc().line, 4);
   EXPECT_EQ(error_of(kTemporal + "[video]\nlayer = \"grad.x\"\n").loc().line, 6);
+
+  const Error unknown = error_of("stages = [\n  \"reconstruct\",\n  \"reconstuct\",\n]\n" + kTemporal);
+  EXPECT_EQ(unknown.code(), ErrorCode::kUnknownName);
+  EXPECT_EQ(unknown.loc().line, 5) << "the element, not the list: " << unknown.what();
+  EXPECT_NE(unknown.message().find("known: reconstruct"), std::string::npos) << unknown.what();
+  EXPECT_EQ(error_of("stages = [\"reconstruct\", \"reconstruct\"]\n" + kTemporal).loc().line, 3);
+  EXPECT_EQ(error_of("stages = 3\n").loc().line, 3);
+  EXPECT_EQ(error_of("halo = -2\n").loc().line, 3);
+  const Error alone = error_of(
+      "stages = [\"reconstruct\"]\n[reconstruct]\nweights = \"variance\"\n[integrator]\nname = \"gradient_path\"\n");
+  EXPECT_NE(alone.message().find("compares the two passes"), std::string::npos) << alone.what();
+  EXPECT_EQ(alone.loc().line, 3);
+  const Error missing = error_of("stages = [\"reconstruct\"]\n");
+  EXPECT_EQ(missing.code(), ErrorCode::kBadInput);
+  EXPECT_EQ(missing.loc().line, 3);
+  EXPECT_EQ(missing.message(),
+            "the stage reconstruct needs the layer \"grad.x\", which no step before it writes: the integrator "
+            "gradient_path or the integrator temporal_gradient_path would write it");
 }
 
 }  // namespace

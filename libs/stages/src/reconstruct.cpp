@@ -1,18 +1,27 @@
 // SPDX-License-Identifier: Apache-2.0
+// The stage `reconstruct`: turns the pictures and differences that a gradient-domain integrator wrote into final frames,
+// window by window. The solver of one window is in poisson.h.
+//
+// Layers read of a frame t: `color`, `grad.x`, `grad.y` (the base pass B_t), and for sequences `offset.color`,
+// `offset.grad.x`, `offset.grad.y` (the offset pass O_t, which replays the random numbers of frame t - 1),
+// `offset.source` (the pixel of frame t - 1 whose numbers a pixel replays) and `offset.samples`. Where the light of
+// rare paths is solved for apart: `rare.color`, `rare.grad.x`, `rare.grad.y` and `held.color` of both passes, or of one
+// with `rare.a` and `rare.b`; and, as far as they are there, `samples`, `albedo`, `normal` and `object_id`.
+//
+// `color` is the solution, with the input's alpha. With rare light apart it has no negative values, and `color.common`
+// and `color.rare` are its two parts, the second one before it was smoothed; the metadata tempera/rare_light and
+// tempera/held_back are the shares of these lights. Source: [Manzi 2016, Sec. 3.3, 4.2, 5].
 #include "tempera/stages/reconstruct.h"
 
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <atomic>
-#include <chrono>
 #include <cmath>
 #include <deque>
-#include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
-#include <set>
 
 #include "rare_filter.h"
 #include "row_weights.h"
@@ -21,12 +30,12 @@
 #include "tempera/core/random.h"
 #include "tempera/core/time.h"
 #include "tempera/core/vec.h"
-#include "tempera/frames/files.h"
+#include "tempera/stages/poisson.h"
+#include "tempera/stages/stage_run.h"
 
 namespace tempera {
 namespace {
 
-const std::string kSettingsKey = "tempera/reconstruct", kCommandKey = "tempera/reconstruct_command";
 const std::string kRareShareKey = "tempera/rare_light", kHeldShareKey = "tempera/held_back";
 const std::string kCameraKey = "tempera/camera", kCropLeftKey = "tempera/crop_left", kCropTopKey = "tempera/crop_top";
 
@@ -87,11 +96,30 @@ std::string layer_file(const std::string& path, const std::string& layer) {
   throw Error(ErrorCode::kBadInput, layer_file(path, layer) + " " + what);
 }
 
-/// Parameters in the form in which the driver needs them.
+int floor_div(int a, int b) { return a >= 0 ? a / b : -((-a + b - 1) / b); }
+
+/// Windows of a sequence by number.
+struct WindowGrid {
+  int length, step;
+  int begin(int k) const { return k * step; }
+  int end(int k) const { return k * step + length - 1; }  ///< its last frame
+  int first_with(int frame) const { return floor_div(frame - length, step) + 1; }
+  int last_with(int frame) const { return floor_div(frame, step); }
+  /// The frames of window k that the sequence has.
+  FrameRange clipped(int k, const FrameRange& sequence) const {
+    return {std::max(begin(k), sequence.first), std::min(end(k), sequence.last)};
+  }
+  /// The frames that share a window with `frame`.
+  FrameRange around(int frame, const FrameRange& sequence) const {
+    return {clipped(first_with(frame), sequence).first, clipped(last_with(frame), sequence).last};
+  }
+};
+
+/// Parameters in the form in which the stage needs them.
 struct Settings {
-  /// `temporal`: whether the frames have an offset pass; without it there is nothing that windows could share.
+  /// `two_passes`: whether the frames have an offset pass; without it there is nothing that windows could share.
   /// `rare`: whether they have the layers of rare light.
-  Settings(const Params& p, bool temporal, bool rare) {
+  Settings(const Params& p, bool two_passes, bool rare) : temporal(two_passes) {
     poisson = p.get_string("schedule") == "published" ? PoissonSettings::published() : PoissonSettings{};
     poisson.norm = p.get_string("norm") == "l1" ? PoissonNorm::kL1 : PoissonNorm::kL2;
     if (p.get_string("device") == "cuda") poisson.device = PoissonDevice::kCuda;
@@ -122,21 +150,21 @@ struct Settings {
     overlap = p.get_int("overlap");
     if (overlap < 0) overlap = window / 2;
     if (overlap >= window) {
-      throw Error(
-          ErrorCode::kOutOfRange,
+      throw StageParamError(
+          ErrorCode::kOutOfRange, {"overlap", "window"},
           fmt::format("an overlap of {} frames needs windows of more than {}, not of {}", overlap, overlap, window));
     }
     if (rows == "none" || !temporal) window = 1, overlap = 0;
   }
+  WindowGrid grid() const { return {window, window - overlap}; }
   PoissonSettings poisson;
   MotionRunOptions runs;
+  bool temporal;          ///< whether the frames have an offset pass
   bool weighted = false;  ///< whether differences are weighted by their variance
   bool apart = false;     ///< whether rare light is solved for apart
   bool parts = false;     ///< whether both parts are written
   int window = 10, overlap = 5;
 };
-
-int floor_div(int a, int b) { return a >= 0 ? a / b : -((-a + b - 1) / b); }
 
 /// Whether the part `piece` of window k is solved, or left to a neighbouring window that contains it.
 /// `goes_on`: the segment has frames after the piece.
@@ -171,12 +199,6 @@ struct Input {
   bool cropped = false;
   std::string camera;
 };
-
-bool has_layer(std::span<const LayerDesc> layers, const LayerDesc& layer) {
-  return std::any_of(layers.begin(), layers.end(), [&](const LayerDesc& d) { return d.name == layer.name; });
-}
-bool has_offset_pass(std::span<const LayerDesc> layers) { return has_layer(layers, layers::offset(layers::color())); }
-bool has_rare_light(std::span<const LayerDesc> layers) { return has_layer(layers, layers::rare_color()); }
 
 template <class T>
 std::optional<T> metadata_value(const Metadata& m, const std::string& key) {
@@ -214,66 +236,49 @@ void check_finite(const std::string& path, const std::string& layer, const Image
   }
 }
 
-/// Reads the files of a sequence and checks them.
+/// Layers that are read of each frame. `why`: what frames need to have them.
+std::vector<LayerUse> layers_read(const Settings& settings) {
+  std::vector<LayerDesc> required{layers::color(), layers::grad_x(), layers::grad_y()};
+  if (settings.apart) {
+    for (const LayerDesc& d :
+         {layers::rare_color(), layers::rare_grad_x(), layers::rare_grad_y(), layers::held_color()})
+      required.push_back(d);
+  }
+  if (settings.temporal) {
+    for (const std::vector<LayerDesc> base = required; const LayerDesc& d : base) required.push_back(layers::offset(d));
+    required.push_back(layers::offset(layers::source()));
+  } else if (settings.apart) {
+    required.push_back(layers::rare_a()), required.push_back(layers::rare_b());
+  }
+  std::vector<LayerUse> out;
+  for (const LayerDesc& d : required) {
+    out.push_back({d, true,
+                   fmt::format("reconstruction needs the frames of the integrator {}",
+                               settings.temporal ? "temporal_gradient_path" : "gradient_path")});
+  }
+  if (settings.temporal) out.push_back({layers::offset(layers::samples()), false});
+  if (settings.apart) {
+    for (const LayerDesc& d : {layers::samples(), layers::albedo(), layers::normal(), layers::object_id()})
+      out.push_back({d, false});
+  }
+  return out;
+}
+
+/// Takes a frame's layers apart and checks them.
 class Reader {
  public:
-  Reader(const FrameSequence& sequence, int first) : sequence_(sequence) {
-    const FrameHeader header = read_header(sequence.path(first));
-    width_ = header.width, height_ = header.height;
-    first_path_ = sequence.path(first);
-    temporal_ = has_offset_pass(header.layers);
-    rare_ = has_rare_light(header.layers);
-  }
+  Reader(const StageRun& run, const Settings& settings)
+      : run_(run), settings_(settings), width_(run.in()[0].width), height_(run.in()[0].height) {}
   int width() const { return width_; }
   int height() const { return height_; }
-  /// Whether the files have an offset pass.
-  bool temporal() const { return temporal_; }
-  /// Whether they have the layers of rare light.
-  bool rare() const { return rare_; }
 
-  /// `rare`: with the layers of rare light.
-  Input read(int frame, bool rare) const {
+  Input read(int frame) const {
+    const bool rare = settings_.apart, temporal = settings_.temporal;
     Input in;
     in.frame = frame;
-    in.path = sequence_.path(frame);
-    const FrameHeader header = read_header(in.path);
-    if (header.width != width_ || header.height != height_) {
-      throw Error(ErrorCode::kBadInput, fmt::format("{} has {}x{} pixels, {} has {}x{}", in.path, header.width,
-                                                    header.height, first_path_, width_, height_));
-    }
-    const auto has = [&](const std::string& name) {
-      return std::any_of(header.layers.begin(), header.layers.end(),
-                         [&](const LayerDesc& d) { return d.name == name; });
-    };
+    in.path = run_.path(frame);
     const std::string samples = layers::offset(layers::samples()).name;
-    std::vector<LayerDesc> wanted{layers::color(), layers::grad_x(), layers::grad_y()};
-    if (rare) {
-      for (const LayerDesc& d :
-           {layers::rare_color(), layers::rare_grad_x(), layers::rare_grad_y(), layers::held_color()})
-        wanted.push_back(d);
-    }
-    if (temporal_) {
-      for (const std::vector<LayerDesc> base = wanted; const LayerDesc& d : base) wanted.push_back(layers::offset(d));
-      wanted.push_back(layers::offset(layers::source()));
-    } else if (rare) {
-      wanted.push_back(layers::rare_a()), wanted.push_back(layers::rare_b());
-    }
-    ReadOptions options;
-    for (const LayerDesc& d : wanted) {
-      if (!has(d.name)) {
-        throw Error(ErrorCode::kBadInput,
-                    fmt::format("{} has no layer \"{}\": reconstruction needs the frames of the integrator {}", in.path,
-                                d.name, temporal_ ? "temporal_gradient_path" : "gradient_path"));
-      }
-      options.layers.push_back(d.name);
-    }
-    if (temporal_ && has(samples)) options.layers.push_back(samples);
-    if (rare) {
-      for (const LayerDesc& d : {layers::samples(), layers::albedo(), layers::normal(), layers::object_id()}) {
-        if (has(d.name)) options.layers.push_back(d.name);
-      }
-    }
-    Frame file = read_frame(in.path, options);
+    Frame file = run_.read(frame);
     const auto take = [&](const std::string& name, int channels) {
       Image& image = file.layer(name);
       if (image.channels() < channels)
@@ -303,13 +308,13 @@ class Reader {
       for (const char* name : {"samples", "offset.samples"}) {
         if (const Layer* counts = file.find(name)) in.samples += mean_of(counts->image);
       }
-      if (!temporal_) {
+      if (!temporal) {
         in.rare_halves = {take(layers::rare_a().name, 3), take(layers::rare_b().name, 3)};
         check_finite(in.path, "rare.a", in.rare_halves[0], width_, height_, all);
         check_finite(in.path, "rare.b", in.rare_halves[1], width_, height_, all);
       }
     }
-    if (!temporal_) return in;
+    if (!temporal) return in;
 
     in.offset = take_pass("offset.");
     in.source = take(layers::offset(layers::source()).name, 3);
@@ -345,10 +350,9 @@ class Reader {
     check("rare.grad.x", rare.grad_x, 1, 0), check("rare.grad.y", rare.grad_y, 0, 1);
   }
 
-  const FrameSequence& sequence_;
-  std::string first_path_;
-  int width_ = 0, height_ = 0;
-  bool temporal_ = false, rare_ = false;
+  const StageRun& run_;
+  const Settings& settings_;
+  int width_, height_;
 };
 
 /// phi from the frame before to `in`, whose offset pass tells the inverse. [Manzi 2016, Sec. 4.2]
@@ -540,7 +544,7 @@ class FrameBuffer {
   const Slot& slot(int f) const { return slots_[std::size_t(f - slots_.front().frame)]; }
 
   void read(int f) {
-    auto in = std::make_unique<Input>(reader_.read(f, settings_.apart));
+    auto in = std::make_unique<Input>(reader_.read(f));
     const int w = reader_.width(), h = reader_.height();
     Slot slot{f, std::make_unique<PoissonFrame>(w, h)};
     if (settings_.apart) slot.rare = take_rare_light(*in, slot.shares);
@@ -549,7 +553,7 @@ class FrameBuffer {
     if (settings_.weighted) slot.variance = set_spatial_precision(*slot.data, variance_between_passes(*in, w, h), norm);
     if (last_read_) {
       slot.continues = false;
-      if (reader_.temporal() && in->camera == last_read_->camera) {
+      if (settings_.temporal && in->camera == last_read_->camera) {
         MotionRuns runs(replay_map(*in, w, h), settings_.runs, in->sampled);
         slot.continues = runs.count() > 0;
         if (slot.continues && !slots_.empty()) {
@@ -599,13 +603,8 @@ struct Blend {
   }
 };
 
-void write_output(const std::string& from, const std::string& to, const Blend& blend, const Settings& settings,
-                  const Metadata& more, const WriteOptions& options) {
-  ReadOptions read;
-  for (const LayerDesc& d : read_header(from).layers) {
-    if (survives_reconstruction(d.name)) read.layers.push_back(d.name);
-  }
-  Frame frame = read_frame(from, read);
+/// Fills a frame that has what passes through.
+void fill(const Blend& blend, const Settings& settings, Frame& frame) {
   if (settings.parts) frame.create(layers::color_common()), frame.create(layers::color_rare());
   Image& color = frame.layer(layers::color().name);
   Image* common = settings.parts ? &frame.layer(layers::color_common().name) : nullptr;
@@ -629,9 +628,9 @@ void write_output(const std::string& from, const std::string& to, const Blend& b
       },
       16);
   if (settings.parts) frame.layer(layers::color_rare().name) = blend.unfiltered;
-  frame.metadata.erase(kFingerprintKey);  // the file is no longer what a render would write
-  for (const auto& [key, value] : more) frame.metadata[key] = value;
-  write_frame(to, frame, options);
+  if (!settings.apart) return;
+  frame.metadata[kRareShareKey] = blend.shares.rare_share();
+  frame.metadata[kHeldShareKey] = blend.shares.held_share();
 }
 
 /// The mean of both estimates.
@@ -642,53 +641,7 @@ Image mean_light(const RareFrame& f) {
   return out;
 }
 
-std::string hash_of(const std::string& text) {
-  std::uint64_t h = text.size();
-  for (const char c : text) h = hash_key(h, static_cast<unsigned char>(c));
-  return fmt::format("{:016x}", h);
-}
-
-bool is_finished(const std::string& path, const std::string& fingerprint) {
-  std::error_code ignored;
-  if (!std::filesystem::exists(path, ignored)) return false;
-  try {
-    if (metadata_value<std::string>(read_metadata(path), kReconstructFingerprintKey) != fingerprint) return false;
-    read_frame(path);  // the header of a truncated file is whole; only its pixels tell
-    return true;
-  } catch (const Error&) {
-    return false;
-  }
-}
-
-std::string list_frames(const std::vector<int>& frames) {
-  std::string out;
-  constexpr std::size_t kMost = 8;
-  for (std::size_t i = 0; i < std::min(frames.size(), kMost); ++i) out += fmt::format("{}{}", i ? ", " : "", frames[i]);
-  return out + (frames.size() > kMost ? fmt::format(" and {} more", frames.size() - kMost) : "");
-}
-
-/// Windows of a sequence by number.
-struct WindowGrid {
-  int length, step;
-  int begin(int k) const { return k * step; }
-  int end(int k) const { return k * step + length - 1; }  ///< its last frame
-  int first_with(int frame) const { return floor_div(frame - length, step) + 1; }
-  int last_with(int frame) const { return floor_div(frame, step); }
-  /// The frames of window k that the sequence has.
-  FrameRange clipped(int k, const FrameRange& sequence) const {
-    return {std::max(begin(k), sequence.first), std::min(end(k), sequence.last)};
-  }
-  /// The frames that share a window with `frame`.
-  FrameRange around(int frame, const FrameRange& sequence) const {
-    return {clipped(first_with(frame), sequence).first, clipped(last_with(frame), sequence).last};
-  }
-};
-
 }  // namespace
-
-std::span<const ParamSpec> reconstruct_params() { return kParams; }
-
-void check_reconstruct_params(const Params& params) { const Settings settings(params, true, true); }
 
 std::vector<FrameRange> reconstruction_windows(const FrameRange& segment, int length, int overlap) {
   TEMPERA_ASSERT(overlap >= 0 && overlap < length && segment.first <= segment.last);
@@ -701,151 +654,89 @@ std::vector<FrameRange> reconstruction_windows(const FrameRange& segment, int le
   return out;
 }
 
-bool has_differences(std::span<const LayerDesc> layers) {
-  return has_layer(layers, layers::grad_x()) && has_layer(layers, layers::grad_y());
-}
-
-std::vector<int> reconstruction_inputs(std::span<const int> frames, const FrameRange& sequence, const Params& params,
-                                       std::span<const LayerDesc> layers) {
-  const Settings settings(params, has_offset_pass(layers), has_rare_light(layers));
-  const WindowGrid grid{settings.window, settings.window - settings.overlap};
-  std::set<int> inputs;
-  for (const int f : frames) {
-    TEMPERA_ASSERT(sequence.contains(f));
-    const FrameRange range = grid.around(f, sequence);
-    for (int g = range.first; g <= range.last; ++g) inputs.insert(g);
-  }
-  return {inputs.begin(), inputs.end()};
-}
-
-bool survives_reconstruction(const std::string& layer) {
-  for (const char* prefix : {"offset.", "grad.", "rare.", "held.", "class."}) {
-    if (layer.starts_with(prefix)) return false;
-  }
-  return layer != layers::color_a().name && layer != layers::color_b().name && layer != layers::color_variance().name;
-}
-
 double window_weight(int frame, int begin, int length) {
   const double k = frame - begin + 1;
   return 0.5 * (1 + std::cos(2 * kPiD * (k - 0.5 * (length + 1)) / length));
 }
 
-ReconstructReport reconstruct(const FrameSequence& input, const std::string& output, const ReconstructOptions& options,
-                              StageObserver& observer, std::stop_token stop) {
-  const auto start = std::chrono::steady_clock::now();
-  const std::vector<int>& have = input.frames();
-  std::vector<int> wanted = options.frames.empty() ? have : options.frames;
-  std::sort(wanted.begin(), wanted.end());
-  wanted.erase(std::unique(wanted.begin(), wanted.end()), wanted.end());
-  for (const int f : wanted) {
-    if (!input.has(f)) {
-      throw Error(ErrorCode::kMissingFile,
-                  fmt::format("{} has no frame {}; it has {} to {}", input.pattern(), f, have.front(), have.back()));
-    }
-  }
-  if (wanted.size() > 1 && !has_frame_pattern(output)) {
-    throw Error(ErrorCode::kUsage,
-                fmt::format("{} cannot hold {} frames; write {}", output, wanted.size(), numbered_pattern(output)));
-  }
-  const auto out_path = [&](int f) { return frame_path(output, f); };
-  for (const int f : wanted) {
-    std::error_code ignored;
-    if (std::filesystem::equivalent(input.path(f), out_path(f), ignored)) {
-      throw Error(ErrorCode::kUsage,
-                  fmt::format("frame {} would replace its own input {}; name another output", f, input.path(f)));
-    }
+namespace {
+
+class Reconstruct final : public Stage {
+ public:
+  explicit Reconstruct(const Params& params) : params_(params) {
+    settings(true, true);  // what the parameters say together is checked whatever the frames are
   }
 
-  const Reader reader(input, wanted.front());
-  const Settings settings(options.params, reader.temporal(), reader.rare());
-  const WindowGrid grid{settings.window, settings.window - settings.overlap};
-  const FrameRange sequence = options.sequence.value_or(FrameRange{have.front(), have.back()});
-  if (settings.window > 1) {
-    std::set<int> missing;
-    for (const int f : wanted) {
-      const FrameRange range = grid.around(f, sequence);
-      for (int g = range.first; g <= range.last; ++g) {
-        if (!input.has(g)) missing.insert(g);
+  SequenceDesc output(std::span<const SequenceDesc> in) const override {
+    const Settings s = settings(in);
+    SequenceDesc out = in[0];
+    std::erase_if(out.layers, [](const LayerDesc& d) { return !survives(d); });
+    if (s.parts) {
+      for (const LayerDesc& d : {layers::color_common(), layers::color_rare()}) {
+        if (!out.has(d)) out.layers.push_back(d);
       }
     }
-    if (!missing.empty()) {
-      throw Error(ErrorCode::kBadInput,
-                  fmt::format("{} lacks frames in between: {}; without them there are no differences over time (give "
-                              "--temporal-rows none to do without)",
-                              input.pattern(), list_frames({missing.begin(), missing.end()})));
-    }
+    return out;
   }
 
-  // The files that a frame depends on, and so whether it has to be done.
-  std::map<int, std::string> identities;
-  const auto fingerprint = [&](int f) {
-    const WriteOptions& w = options.write;
-    std::string text = fmt::format("{}\n{}\nhalf={} names={} lossy={}\n", TEMPERA_VERSION, options.params.canonical(),
-                                   w.half, names_text(w), w.compression == Compression::kDwaa);
-    const FrameRange range = grid.around(f, sequence);
-    for (int g = range.first; g <= range.last; ++g) {
-      auto [it, fresh] = identities.try_emplace(g);
-      if (fresh) it->second = content_identity(input.path(g));
-      text += fmt::format("{} {}\n", g, it->second);
-    }
-    return hash_of(text);
-  };
-  ReconstructReport report;
-  const auto check_stop = [&] {
-    if (stop.stop_requested()) {
-      throw Error(ErrorCode::kCancelled, fmt::format("stopped; {} of {} frames are done, --resume continues",
-                                                     report.frames.size() + report.skipped.size(), wanted.size()));
-    }
-  };
-  std::map<int, std::string> targets;  // frame -> fingerprint
-  for (const int f : wanted) {
-    check_stop();
-    const std::string frame_fingerprint = fingerprint(f);
-    if (options.resume && is_finished(out_path(f), frame_fingerprint)) {
-      report.skipped.push_back(f);
-    } else {
-      targets[f] = frame_fingerprint;
-    }
+  std::vector<LayerUse> reads(int /*port*/, std::span<const SequenceDesc> in) const override {
+    return layers_read(settings(in));
   }
-  std::vector<int> windows;
-  for (const auto& [f, frame_fingerprint] : targets) {
+
+  std::vector<int> inputs(int /*port*/, int frame, std::span<const SequenceDesc> in) const override {
+    const Settings s = settings(in);
+    if (s.window == 1) return {frame};
+    const FrameRange range = s.grid().around(frame, in[0].reach);
+    return frames_around(frame, frame - range.first, range.last - frame, in[0]);
+  }
+
+  void run(StageRun& run) const override;
+
+ private:
+  Settings settings(bool temporal, bool rare) const { return Settings(params_, temporal, rare); }
+  Settings settings(std::span<const SequenceDesc> in) const {
+    return settings(in[0].has(layers::offset(layers::color())), in[0].has(layers::rare_color()));
+  }
+  /// Whether the output holds this layer of the input: neither data of the reconstruction, nor statistics or parts of
+  /// the input's `color`, which are not those of the solution.
+  static bool survives(const LayerDesc& d) {
+    return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
+           d.role != LayerRole::kReconstruction;
+  }
+
+  Params params_;
+};
+
+void Reconstruct::run(StageRun& run) const {
+  const Settings settings = this->settings(run.in());
+  const WindowGrid grid = settings.grid();
+  const FrameRange reach = run.in()[0].reach;
+  const std::vector<int>& targets = run.frames();
+  std::vector<std::string> classes;
+  for (const LayerDesc& d : run.in()[0].layers) {
+    if (!d.path_class.empty() && d.pass.empty()) classes.push_back(d.name);
+  }
+  if (!classes.empty()) {
+    log_info(
+        fmt::format("left out of the final frames, as they are not reconstructed and would not add up to color: "
+                    "{}; the frames of the integrator have them",
+                    fmt::join(classes, ", ")));
+  }
+  std::vector<int> windows, cuts;
+  for (const int f : targets) {
     for (int k = grid.first_with(f); k <= grid.last_with(f); ++k) {
       if (windows.empty() || windows.back() < k) windows.push_back(k);
     }
   }
-  {
-    std::vector<int> frames;
-    frames.reserve(targets.size());
-    for (const auto& [f, frame_fingerprint] : targets) frames.push_back(f);
-    observer.begin(frames, report.skipped);
-  }
-  if (!targets.empty()) {
-    std::vector<LayerDesc> kept;
-    std::vector<std::string> classes;
-    for (const LayerDesc& d : read_header(input.path(targets.begin()->first)).layers) {
-      if (survives_reconstruction(d.name)) kept.push_back(d);
-      if (d.name.starts_with("class.")) classes.push_back(d.name);
-    }
-    check_encoding(kept, options.write);
-    if (!classes.empty()) {
-      log_info(
-          fmt::format("left out of the final frames, as they are not reconstructed and would not add up to color: "
-                      "{}; the frames of the integrator have them",
-                      fmt::join(classes, ", ")));
-    }
-    const TemporaryFile probe(out_path(targets.begin()->first));  // what cannot be written is known before the work
-  }
 
+  const Reader reader(run, settings);
   FrameBuffer buffer(reader, settings);
   std::map<int, Blend> blends;
   LightShares shares;
   for (std::size_t n = 0; n < windows.size(); ++n) {
     const int k = windows[n];
-    const auto progress = [&](double share) {
-      observer.progress((double(n) + share) / double(windows.size()));
-      check_stop();
-    };
-    const FrameRange range = grid.clipped(k, sequence);
+    const auto progress = [&](double share) { run.progress((double(n) + share) / double(windows.size())); };
+    const FrameRange range = grid.clipped(k, reach);
     constexpr double kReading = 0.1;  // a guess at its share of the time
     double read = 0;
     buffer.hold(range.first, range.last, [&] { progress(kReading * read++ / (range.last - range.first + 1)); });
@@ -855,12 +746,12 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
       const FrameRange piece{first, last};
       first = last + 1;
       const int cut = last + 1;
-      if (cut <= range.last && (report.cuts.empty() || report.cuts.back() < cut)) report.cuts.push_back(cut);
-      const auto target = targets.lower_bound(piece.first);
-      if (target == targets.end() || target->first > piece.last) continue;
+      if (cut <= range.last && (cuts.empty() || cuts.back() < cut)) cuts.push_back(cut);
+      const auto target = std::lower_bound(targets.begin(), targets.end(), piece.first);
+      if (target == targets.end() || *target > piece.last) continue;
       bool goes_on = false;
-      if (piece.first >= grid.begin(k) + grid.step && last == range.last && last < sequence.last) {
-        buffer.hold(range.first, last + 1, check_stop);
+      if (piece.first >= grid.begin(k) + grid.step && last == range.last && last < reach.last) {
+        buffer.hold(range.first, last + 1, [&] { run.check_stop(); });
         goes_on = buffer.continues(last + 1);
       }
       if (!keeps_piece(piece, goes_on, grid.begin(k), grid.length, grid.step)) continue;
@@ -880,8 +771,8 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
       std::vector<const RareFrame*> rare;
       for (int f = piece.first; settings.apart && f <= piece.last; ++f) rare.push_back(&buffer.rare(f));
       RareFilter filter(rare, x);
-      for (auto it = target; it != targets.end() && it->first <= piece.last; ++it) {
-        const int f = it->first, t = f - piece.first;
+      for (auto it = target; it != targets.end() && *it <= piece.last; ++it) {
+        const int f = *it, t = f - piece.first;
         Blend& blend = blends[f];
         blend.add(x, t, filter.dark() ? Image() : filter.smooth(t), window_weight(f, grid.begin(k), grid.length));
         if (settings.apart) blend.shares = buffer.shares(f);
@@ -889,34 +780,61 @@ ReconstructReport reconstruct(const FrameSequence& input, const std::string& out
       }
     }
     // Frames that no later window covers are final.
-    const int open = n + 1 < windows.size() ? grid.begin(windows[n + 1]) : sequence.last + 1;
+    const int open = n + 1 < windows.size() ? grid.begin(windows[n + 1]) : reach.last + 1;
     while (!blends.empty() && blends.begin()->first < open) {
-      const int f = blends.begin()->first;
-      const Blend& blend = blends.begin()->second;
-      const std::string path = out_path(f);
-      Metadata more{{kSettingsKey, options.params.canonical()}, {kReconstructFingerprintKey, targets.at(f)}};
-      if (!options.command.empty()) more[kCommandKey] = options.command;
-      if (settings.apart) {
-        more[kRareShareKey] = blend.shares.rare_share(), more[kHeldShareKey] = blend.shares.held_share();
-        shares += blend.shares;
-      }
-      write_output(input.path(f), path, blend, settings, more, options.write);
-      report.frames.push_back(f);
-      observer.frame_done(f, path);
+      const auto& [f, blend] = *blends.begin();
+      Frame frame = run.start(f);
+      fill(blend, settings, frame);
+      if (settings.apart) shares += blend.shares;
+      run.write(f, std::move(frame));
       blends.erase(blends.begin());
     }
   }
-  observer.progress(1);
-  report.rare_light = shares.rare_share(), report.held_back = shares.held_share();
-  if (settings.apart && !report.frames.empty()) {
-    log_info(
+  if (settings.apart) {
+    run.note(
         fmt::format("{:.2g} % of the light was kept apart as that of rare bright paths; of all light {:.2g} % was "
                     "held back, because it outshines its surroundings by far",
-                    100 * report.rare_light, 100 * report.held_back));
+                    100 * shares.rare_share(), 100 * shares.held_share()));
   }
-  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  observer.end(report.seconds);
-  return report;
+  if (!cuts.empty()) run.note(fmt::format("cuts before frames {}", describe_frames(cuts)));
 }
+
+bool has_differences(std::span<const LayerDesc> layers) {
+  const auto has = [&](const LayerDesc& layer) {
+    return std::any_of(layers.begin(), layers.end(), [&](const LayerDesc& d) { return d.name == layer.name; });
+  };
+  return has(layers::grad_x()) && has(layers::grad_y());
+}
+
+}  // namespace
+
+extern const StageEntry reconstruct_entry;
+const StageEntry reconstruct_entry{
+    .name = "reconstruct",
+    .help = "final frames from the pictures and differences of gradient_path and temporal_gradient_path",
+    .command_help = "Make final frames of what gradient_path and temporal_gradient_path rendered.",
+    .done = "reconstructed",
+    .params = kParams,
+    .ports = {{"in", "rendered frames"}},
+    .output_help = "final frames",
+    .reads = {{{"color", "grad.x", "grad.y"}, "needed: the picture and its differences over space"},
+              {{"offset.color", "offset.grad.x", "offset.grad.y", "offset.source"},
+               "needed together, for differences over time: the pass that replays the frame before"},
+              {{"rare.color", "rare.grad.x", "rare.grad.y", "held.color", "offset.rare.color", "offset.rare.grad.x",
+                "offset.rare.grad.y", "offset.held.color", "rare.a", "rare.b"},
+               "needed with `rare = \"apart\"`: the light of rare paths, of both passes or of one and its halves"},
+              {{"samples", "offset.samples", "albedo", "normal", "object_id"}, "read where they are there"}},
+    .writes = {{{"color"}, "the solution, with the input's alpha"},
+               {{"color.common", "color.rare"}, "its two parts, with rare light apart and `parts = \"yes\"`"}},
+    .window = "those that share a window with it (`window`, `overlap`), if they have an offset pass",
+    .gap_help = "without them there are no differences over time (give --temporal-rows none to do without)",
+    .examples =
+        {"tempera reconstruct out/frame.####.exr -o final/frame.####.exr",
+         "tempera reconstruct out/ -o final/ --norm l2 --window 20 --overlap 10 --resume",
+         "tempera reconstruct out/ -o final/ --frames 1-24   (part of a sequence: the same bits as all at once)",
+         "tempera reconstruct still.exr -o final.exr"},
+    .make = [](const Params& p) -> std::unique_ptr<Stage> { return std::make_unique<Reconstruct>(p); },
+    .follows = has_differences,
+    .follows_help = "noisy pictures with differences"};
 
 }  // namespace tempera

@@ -13,6 +13,8 @@
 #include "synthetic_window.h"
 #include "tempera/core/time.h"
 #include "tempera/frames/files.h"
+#include "tempera/stages/stage_plan.h"
+#include "tempera/stages/stage_run.h"
 
 namespace tempera {
 namespace {
@@ -54,13 +56,20 @@ TEST(ReconstructionWindows, CoverAllFramesAndDoNotContainEachOther) {
 TEST(ReconstructionInputs, AreTheFramesThatShareAWindow) {
   const std::vector<LayerDesc> space{layers::color(), layers::grad_x(), layers::grad_y()};
   std::vector<LayerDesc> space_and_time = space;
-  space_and_time.push_back(layers::offset(layers::color()));
-  Params params(reconstruct_params());
+  for (const LayerDesc& d : {layers::color(), layers::grad_x(), layers::grad_y(), layers::source()})
+    space_and_time.push_back(layers::offset(d));
+  const StageEntry& entry = find_stage("reconstruct");
+  Params params(entry.params);
   const FrameRange sequence{1, 240};
   const auto range = [](int first, int last) {
     std::vector<int> out;
     for (int f = first; f <= last; ++f) out.push_back(f);
     return out;
+  };
+  const auto reconstruction_inputs = [&](const std::vector<int>& frames, const FrameRange& whole, const Params& p,
+                                         const std::vector<LayerDesc>& layers) {
+    const StageChoice choice{&entry, p};
+    return plan_stages(std::span(&choice, 1), {whole, whole, {}, 8, 8, layers}, frames).source;
   };
   const auto inputs = [&](const std::vector<int>& frames, const std::vector<LayerDesc>& layers) {
     return reconstruction_inputs(frames, sequence, params, layers);
@@ -72,12 +81,12 @@ TEST(ReconstructionInputs, AreTheFramesThatShareAWindow) {
   EXPECT_EQ(inputs({9, 3}, space), (std::vector<int>{3, 9}));
   params.set("temporal_rows", std::string("none"));
   EXPECT_EQ(inputs({9, 3}, space_and_time), (std::vector<int>{3, 9}));
-  EXPECT_TRUE(has_differences(space));
-  EXPECT_FALSE(has_differences(std::vector{layers::color()}));
+  EXPECT_TRUE(entry.follows(space));
+  EXPECT_FALSE(entry.follows(std::vector{layers::color()}));
 
   // All of every window that holds the frame, for any length.
   for (const auto& [length, overlap] : {std::pair{10, 5}, {10, 9}, {7, 2}, {4, 0}}) {
-    Params p(reconstruct_params());
+    Params p(entry.params);
     p.set("window", length);
     p.set("overlap", overlap);
     for (int f = 1; f <= 30; ++f) {
@@ -199,20 +208,23 @@ class Reconstruct : public testing::Test {
     for (int f = first; f < first + count; ++f) write_frame(frame_path(path(name + ".####.exr"), f), make(s, f, first));
     return FrameSequence(path(name + ".####.exr"));
   }
-  ReconstructReport run(const FrameSequence& in, const std::string& out, const std::string& settings = "",
-                        std::vector<int> frames = {}, bool resume = false) const {
-    ReconstructOptions options;
-    std::string_view text = settings;
-    while (!text.empty()) {
-      const auto comma = text.find(','), equals = text.find('=');
-      options.params.set_text(std::string(text.substr(0, equals)),
-                              std::string(text.substr(equals + 1, comma - equals - 1)));
-      text = comma == std::string_view::npos ? std::string_view{} : text.substr(comma + 1);
+  static StageChoice choose(std::string_view settings = "") {
+    StageChoice choice{&find_stage("reconstruct"), Params(find_stage("reconstruct").params)};
+    while (!settings.empty()) {
+      const auto comma = settings.find(','), equals = settings.find('=');
+      choice.params.set_text(std::string(settings.substr(0, equals)),
+                             std::string(settings.substr(equals + 1, comma - equals - 1)));
+      settings = comma == std::string_view::npos ? std::string_view{} : settings.substr(comma + 1);
     }
-    options.frames = std::move(frames);
+    return choice;
+  }
+  StageReport run(const FrameSequence& in, const std::string& out, const std::string& settings = "",
+                  std::vector<int> frames = {}, bool resume = false) const {
+    StageOptions options;
+    options.sections[0].frames = std::move(frames);
     options.resume = resume;
     StageObserver nobody;
-    return reconstruct(in, path(out + ".####.exr"), options, nobody);
+    return run_stage(choose(settings), std::span(&in, 1), path(out + ".####.exr"), options, nobody);
   }
   Frame result(const std::string& name, int frame) const {
     return read_frame(frame_path(path(name + ".####.exr"), frame));
@@ -276,9 +288,9 @@ TEST_F(Reconstruct, ConstantSequencesStayExactly) {
   for (const int count : {1, 9, 10, 11, 14, 240}) {
     const std::string name = fmt::format("c{}", count);
     const auto in = write(name, s, 1001, count);
-    const ReconstructReport r = run(in, name + "_out", "rounds=2,iterations=3");
+    const StageReport r = run(in, name + "_out", "rounds=2,iterations=3");
     EXPECT_EQ(int(r.frames.size()), count);
-    EXPECT_TRUE(r.cuts.empty());
+    EXPECT_TRUE(r.notes.empty()) << r.notes[0];
     for (int f = 1001; f < 1001 + count; ++f) {
       ASSERT_EQ(rms(result(name + "_out", f), [](int, int) { return Rgb(0.25f, 0.5f, 0.125f); }), 0) << count << f;
     }
@@ -434,13 +446,13 @@ TEST_F(Reconstruct, ChunksGiveTheBitsOfTheWhole) {
   s.noise = replayed_noise(s.velocity, 0.1);
   s.cuts = {1009};
   const auto in = write("in", s, 1001, 24);
-  const ReconstructReport whole = run(in, "whole");
+  const StageReport whole = run(in, "whole");
   EXPECT_EQ(whole.frames.size(), 24u);
-  EXPECT_EQ(whole.cuts, std::vector<int>{1009});
+  EXPECT_EQ(whole.notes, std::vector<std::string>{"cuts before frames 1009 (1 frame)"});
   // Chunks, single frames, and frames picked here and there.
   for (const std::vector<int>& frames :
        {std::vector<int>{1001, 1002, 1003}, {1008}, {1009}, {1010, 1011, 1012, 1013}, {1024}, {1004, 1016, 1017}}) {
-    const ReconstructReport r = run(in, "part", "", frames);
+    const StageReport r = run(in, "part", "", frames);
     EXPECT_EQ(r.frames, frames);
     for (const int f : frames) EXPECT_EQ(result("part", f).layer("color"), result("whole", f).layer("color")) << f;
   }
@@ -475,7 +487,7 @@ TEST_F(Reconstruct, NothingPassesThroughACut) {
     frame.metadata["tempera/camera"] = f < 6 ? "near" : "far";
     write_frame(in.path(f), frame);
   }
-  EXPECT_EQ(run(in, "c_out").cuts, std::vector<int>{6});
+  EXPECT_EQ(run(in, "c_out").notes, std::vector<std::string>{"cuts before frames 6 (1 frame)"});
 }
 
 TEST_F(Reconstruct, ResumeKeepsWhatIsFinishedAndRedoesTheRest) {
@@ -489,7 +501,7 @@ TEST_F(Reconstruct, ResumeKeepsWhatIsFinishedAndRedoesTheRest) {
   fs::remove(file(4));
   fs::resize_file(file(7), fs::file_size(file(7)) / 2);
   { std::ofstream(file(9)) << "not an image"; }
-  ReconstructReport r = run(in, "out", "", {}, true);
+  StageReport r = run(in, "out", "", {}, true);
   EXPECT_EQ(r.frames, (std::vector<int>{4, 7, 9}));
   EXPECT_EQ(r.skipped.size(), 9u);
   for (int f = 0; f < 12; ++f) EXPECT_EQ(result("out", f).layer("color"), result("whole", f).layer("color")) << f;
@@ -550,9 +562,9 @@ TEST_F(Reconstruct, SingleFramesWithoutOffsetPass) {
   for (const int f : {1, 3}) EXPECT_LT(rms(result("out", f), [&](int x, int y) { return s.truth(x, y, f); }), 1e-5);
 
   write_frame(path("still.exr"), make(s, 0, 0));
-  ReconstructOptions options;
   StageObserver nobody;
-  reconstruct(FrameSequence(path("still.exr")), path("still_out.exr"), options, nobody);
+  const FrameSequence still(path("still.exr"));
+  run_stage(choose(), std::span(&still, 1), path("still_out.exr"), {}, nobody);
   EXPECT_TRUE(fs::exists(path("still_out.exr"))) << "a single file keeps its plain name";
 }
 
@@ -577,7 +589,7 @@ Sequence with_rare_light() {
 TEST_F(Reconstruct, RareLightIsKeptApartAndSmoothed) {
   const Sequence s = with_rare_light();
   const auto in = write("in", s, 0, 6);
-  const ReconstructReport report = run(in, "apart");
+  const StageReport report = run(in, "apart");
   run(in, "together", "rare=together");
   const auto lit = [&](int x, int y) { return s.truth(x, y, 3) + Rgb(0.5f); };
   const Frame apart = result("apart", 3), together = result("together", 3);
@@ -595,8 +607,10 @@ TEST_F(Reconstruct, RareLightIsKeptApartAndSmoothed) {
   }
   EXPECT_GE(least, 0);
   EXPECT_NEAR(sum / raw, 1, 0.05) << "no light is lost";
-  EXPECT_GT(report.rare_light, 0.3);
-  EXPECT_EQ(report.held_back, 0);
+  EXPECT_GT(std::get<double>(apart.metadata.at("tempera/rare_light")), 0.3);
+  EXPECT_EQ(std::get<double>(apart.metadata.at("tempera/held_back")), 0);
+  ASSERT_EQ(report.notes.size(), 1u);
+  EXPECT_NE(report.notes[0].find("% of the light was kept apart"), std::string::npos) << report.notes[0];
   EXPECT_FALSE(together.has("color.common"));
   EXPECT_FALSE(together.has("rare.color"));
   EXPECT_FALSE(apart.has("rare.color"));
@@ -608,8 +622,8 @@ TEST_F(Reconstruct, RareLightIsKeptApartAndSmoothed) {
 TEST_F(Reconstruct, WhatIsHeldBackIsSaid) {
   Sequence s = with_rare_light();
   s.held = [&](int x, int y, int frame, bool offset) { return s.rare(x, y, frame, offset) * 0.25f; };
-  const ReconstructReport report = run(write("in", s, 0, 3), "out");
-  EXPECT_NEAR(report.held_back, 0.25 * report.rare_light, 1e-6);
+  const StageReport report = run(write("in", s, 0, 3), "out");
+  EXPECT_EQ(report.notes.size(), 1u);
   for (int f = 0; f < 3; ++f) {
     const Frame frame = result("out", f);
     EXPECT_NEAR(std::get<double>(frame.metadata.at("tempera/held_back")),
@@ -737,17 +751,17 @@ TEST_F(Reconstruct, BadInputIsNamed) {
   EXPECT_EQ(error_of(FrameSequence(path("plain.####.exr")), ErrorCode::kBadInput, "weights=variance"),
             "weights = \"variance\" compares the two passes of temporal_gradient_path, and these frames have one; "
             "auto and uniform take any");
-  ReconstructOptions options;
+  StageOptions options;
   StageObserver nobody;
   try {
-    reconstruct(gap, gap.pattern(), options, nobody);
+    run_stage(choose(), std::span(&gap, 1), gap.pattern(), options, nobody);
     ADD_FAILURE() << "no Error was thrown";
   } catch (const Error& e) {
     EXPECT_EQ(e.code(), ErrorCode::kUsage);
   }
-  options.frames = {17};
+  options.sections[0].frames = {17};
   try {
-    reconstruct(gap, path("never.####.exr"), options, nobody);
+    run_stage(choose(), std::span(&gap, 1), path("never.####.exr"), options, nobody);
     ADD_FAILURE() << "no Error was thrown";
   } catch (const Error& e) {
     EXPECT_EQ(e.code(), ErrorCode::kMissingFile);
@@ -771,9 +785,8 @@ TEST_F(Reconstruct, StopsBetweenStepsAndKeepsFinishedFrames) {
       if (frame == 3) stop.request_stop();
     }
   } stopper;
-  ReconstructOptions options;
   try {
-    reconstruct(in, path("out.####.exr"), options, stopper, stopper.stop.get_token());
+    run_stage(choose(), std::span(&in, 1), path("out.####.exr"), {}, stopper, stopper.stop.get_token());
     ADD_FAILURE() << "no Error was thrown";
   } catch (const Error& e) {
     EXPECT_EQ(e.code(), ErrorCode::kCancelled);

@@ -39,12 +39,25 @@ inline constexpr const char* kId = "identifier";
 inline constexpr const char* kTexture = "texture coordinates";
 }  // namespace units
 
+/// What a layer is to the steps that follow a render.
+enum class LayerRole {
+  kFeature,         ///< true of the pixel, whatever is made of its light: albedo, motion, identifiers, counts
+  kPicture,         ///< an estimate of light
+  kStatistic,       ///< of such an estimate, so of no other picture: its halves, its variance
+  kReconstruction,  ///< what pictures are reconstructed from: differences, and the light that is kept out of them
+};
+/// "feature", "picture", "statistic" or "reconstruction".
+std::string_view to_string(LayerRole role);
+
 /// A layer: an image of one meaning. EXR channels are `<name>.<channel>`; the layer `color` is plain R, G, B, A.
 struct LayerDesc {
   std::string name;                   ///< e.g. "motion.forward"
   std::vector<std::string> channels;  ///< suffixes in storage order, e.g. {"X", "Y", "Z", "V"}; {""}: the name alone
   std::string unit;                   ///< see units
   Combine combine = Combine::kMean;
+  LayerRole role = LayerRole::kFeature;
+  std::string pass{};        ///< "offset": of the pass that replays the frame before; empty: of the picture's own
+  std::string path_class{};  ///< the light-path class whose part of the light this is; empty: all light
 
   int channel_count() const { return int(channels.size()); }
   /// Name of channel `c` in an EXR file.

@@ -6,6 +6,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <variant>
 
 #include "tempera/core/bytes.h"
@@ -40,10 +41,15 @@ inline constexpr const char* kMotionConvention =
     "pixels, x right, y down; backward = previous - current, forward = next - current; Z = depth change in meters; "
     "V = 1 where valid";
 
-/// Attributes that identify the content of a file by everything that it was computed from: of a rendered frame, and of
-/// a reconstructed one, which has no longer the former. `--resume` and what is made of the files go by them.
-inline constexpr const char *kFingerprintKey = "tempera/fingerprint",
-                            *kReconstructFingerprintKey = "tempera/reconstruct_fingerprint";
+/// Attributes that identify the content of a file by everything that it was computed from. A file has one of them: that
+/// of a rendered frame, or that of the stage which made it. `--resume` and what is made of the files go by them.
+inline constexpr const char* kFingerprintKey = "tempera/fingerprint";
+std::string stage_fingerprint_key(std::string_view stage);  ///< "tempera/<stage>_fingerprint"
+bool is_fingerprint_key(std::string_view key);
+
+/// Attributes of a file that a stage made: its parameters, and its command line.
+std::string stage_settings_key(std::string_view stage);  ///< "tempera/<stage>"
+std::string stage_command_key(std::string_view stage);   ///< "tempera/<stage>_command"
 
 /// How a frame was rendered: the attributes "tempera/<field>". The text fields are free of meaning to this module.
 struct RenderInfo {

@@ -44,6 +44,9 @@ class FrameSequence {
 /// the number.
 std::vector<int> existing_frames(const std::string& pattern);
 
+/// "1-24,30 (25 frames)": as parse_frame_set reads them, and their number.
+std::string describe_frames(std::span<const int> frames);
+
 /// Whether a path ends in `extension` (".png"), in small or capital letters.
 bool has_extension(const std::string& path, std::string_view extension);
 

@@ -1,33 +1,55 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// What `tempera run` does with a shot: which frames it renders, whether they are reconstructed, what it makes a movie
-// of, and where the files of each step go. Only the plan; render.h, stages and video.h do the work.
+// What `tempera run` does with a shot: which frames it renders, which stages make what of them, what it makes a movie of,
+// and where the files of each step go. Only the plan; render.h, stage_run.h and video.h do the work.
 #include <string>
 #include <vector>
 
 #include "tempera/core/time.h"
 #include "tempera/frames/sequence.h"
 #include "tempera/pipeline/shot.h"
+#include "tempera/stages/stage_run.h"
 
 namespace tempera {
 
-struct RunPlan {
-  Shot render;                 ///< what the first step renders, and where to
-  std::vector<int> neighbors;  ///< frames among render.frames that were not asked for: the reconstruction reads them
-  std::vector<int> frames;     ///< that were asked for
-  bool reconstructs = false;   ///< whether the integrator writes differences
-  FrameRange sequence;         ///< what the reconstruction takes the whole sequence to be
-  std::string output;          ///< of the frames that are the result, see frame_path
-  std::string video_path;      ///< empty: no movie
+/// A stage with what it makes.
+struct RunStage {
+  StageChoice choice;
+  std::string output;                  ///< of its frames, see frame_path
+  std::vector<int> frames;             ///< that it makes, in ascending order
+  std::vector<StageSection> sections;  ///< the same in the parts of the sequence that are cut from each other
+  WriteOptions write;
 };
 
-/// Settles the steps of a shot. A frame of the result depends on the shot alone, not on which frames were asked for: to
-/// that end frames around them, within `shot.sequence`, are rendered as well where windows of the reconstruction reach
-/// beyond them. The movie of a part of the sequence gets the numbers of its first and last frame into its name, unless
-/// it was named on the command line; a single frame gets none unless one is named. `video` false: no movie. Errors:
-/// Error{kBadInput | kUsage}, where `config` says so: frames that would replace their own input, a movie of a layer
-/// that the frames will not have, a name that no movie can have.
+/// What a bound on the frames around those asked for costs.
+struct HaloLoss {
+  std::vector<int> left_out;   ///< rendered frames that the result depends on and that are not made
+  std::vector<int> differing;  ///< frames of the result that depend on them, and so differ from those of the whole shot
+  int enough = 0;              ///< the least bound that leaves none out
+};
+
+struct RunPlan {
+  Shot render;                   ///< what the first step renders, and where to
+  std::vector<int> neighbors;    ///< frames among render.frames that were not asked for: stages look at them
+  std::vector<int> frames;       ///< of the result: those asked for that the last stage makes
+  std::vector<RunStage> stages;  ///< the steps after it
+  HaloLoss loss;
+  std::string output;      ///< of the frames that are the result, see frame_path
+  std::string video_path;  ///< empty: no movie
+};
+
+/// Settles the steps of a shot, backwards from the frames that were asked for. A frame of the result depends on the shot
+/// alone, not on which frames were asked for: to that end frames around them, within `shot.sequence`, are made as well
+/// where stages look beyond them. With `shot.halo` each run of frames asked for is made as if the shot ended so many
+/// frames around it. The movie of a part of the sequence gets the numbers of its first and last frame into its name,
+/// unless it was named on the command line; a single frame gets none unless one is named. `video` false: no movie.
+/// Errors: Error{kBadInput | kUsage}, where `config` says so: a stage that lacks a layer, with what would write it;
+/// frames that no stage makes, or that would replace those they are made of; a movie of a layer that the frames will not
+/// have, a name that no movie can have.
 RunPlan plan_run(const ShotConfig& config, const Shot& shot, bool video = true);
+
+/// The frames of a stage's ports when the steps before it are done. `step`: index in plan.stages.
+std::vector<FrameSequence> stage_input(const RunPlan& plan, std::size_t step);
 
 /// Identity of the movie of `frames`: it changes with the content of the files and with the options. Errors: as
 /// content_identity.

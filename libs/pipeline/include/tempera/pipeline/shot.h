@@ -13,8 +13,15 @@
 #include "tempera/methods/method.h"
 #include "tempera/pipeline/shot_config.h"
 #include "tempera/scene/scene.h"
+#include "tempera/stages/stage.h"
 
 namespace tempera {
+
+/// A stage that follows the render.
+struct ShotStage {
+  StageChoice choice;
+  std::string path;  ///< of its frames, as it was given; empty: none is named
+};
 
 struct Shot {
   std::filesystem::path source;  ///< shot.toml, or the scene file
@@ -31,8 +38,8 @@ struct Shot {
   WriteOptions write;                ///< of the files that are rendered
   std::string mask;                  ///< see frame_path; of images that say which pixels are wanted; empty: all are
   int motion_segments = 4;           ///< of a frame between knots of the motion grid
-  Params reconstruct;                ///< of the stage
-  std::string final_output;          ///< of the reconstructed frames, as it was given; empty: none is named
+  std::vector<ShotStage> stages;     ///< in their order; where the shot names none, those made for such frames
+  int halo = -1;                     ///< frames at most around those asked for that are made for stages; -1: any number
   WriteOptions final_write;          ///< of the frames that are the result
   std::string video_path;            ///< of the movie; empty: none is named
   bool video_path_is_typed = false;  ///< on the command line, so for just these frames
@@ -61,7 +68,14 @@ ShotConfig read_shot_config(const std::filesystem::path& file);
 /// What the files of a shot are called that names none: "dance" for dance.toml, "demo" for demo/shot.toml.
 std::string shot_name(const std::filesystem::path& source);
 
-/// As output_pattern, of the value of `key` (output.path or reconstruct.path). A name without a place for the number is
+/// Layers of the frames that an integrator renders. Errors: those of Integrator::outputs.
+std::vector<LayerDesc> rendered_layers(const std::string& integrator, const Params& params,
+                                       const RenderSettings& settings);
+inline std::vector<LayerDesc> rendered_layers(const Shot& shot) {
+  return rendered_layers(shot.integrator, shot.params, shot.settings);
+}
+
+/// As output_pattern, of the value of `key` (output.path or the path of a stage). A name without a place for the number is
 /// one file where the shot has a single frame, or where the command line gives the name and one frame: parts of a shot
 /// that names its files itself must not replace each other. Errors: Error{kUsage | kBadInput} where the key was given.
 std::string settle_output(const ShotConfig& config, const Shot& shot, const std::string& key, const std::string& name);

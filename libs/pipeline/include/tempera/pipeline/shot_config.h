@@ -40,7 +40,8 @@ std::span<const OpenTable> shot_tables();
 struct ShotValue {
   ParamValue value;
   SourceLoc loc;
-  bool is_text = false;  ///< a string that still has to be converted to the type of what it is for
+  bool is_text = false;               ///< a string that still has to be converted to the type of what it is for
+  std::vector<SourceLoc> elements{};  ///< places of an array's elements, where the value was one
 };
 
 /// Parts of a dotted key: {"film", "resolution"}.
@@ -81,6 +82,8 @@ class ShotConfig {
   const std::string& get_string(const std::string& key) const { return std::get<std::string>(get(key)); }
   /// Where a key was given; an empty place if it was not.
   SourceLoc loc(const std::string& key) const;
+  /// The same of element `i` of a list; where the list is text, that of the text.
+  SourceLoc loc(const std::string& key, std::size_t i) const;
   /// With true, input_path refuses what the file names outside of its folder.
   void set_sandbox(bool sandbox) { sandbox_ = sandbox; }
   /// A string key that names an input file, relative to where it was written. Errors: Error{kBadInput} outside the

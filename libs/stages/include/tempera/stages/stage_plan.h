@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Stages behind each other: what goes in and comes out of each, and, backwards from the frames that are wanted, which
+// frames each of them has to make.
+#include <span>
+#include <vector>
+
+#include "tempera/stages/stage.h"
+
+namespace tempera {
+
+/// One stage of a chain.
+struct StageStep {
+  std::vector<SequenceDesc> in;  ///< by port
+  SequenceDesc out;
+  std::vector<int> frames;  ///< to make, in ascending order
+};
+
+struct StagePlan {
+  std::vector<StageStep> steps;  ///< one per stage
+  std::vector<int> source;       ///< frames of the source that they read, in ascending order
+};
+
+/// A stage of a chain reads a layer that nothing before it writes.
+class MissingLayerError : public Error {
+ public:
+  MissingLayerError(std::size_t step, LayerUse use, std::string message)
+      : Error(ErrorCode::kBadInput, std::move(message)), step_(step), use_(std::move(use)) {}
+  std::size_t step() const { return step_; }
+  const LayerUse& use() const { return use_; }
+
+ private:
+  std::size_t step_;
+  LayerUse use_;
+};
+
+/// Plans `chain`: the first port of each stage gets the frames of the one before it, the first one's the source's; all
+/// other ports get the source's. `wanted`: frames of the last stage; those that it does not make are left out.
+/// Errors: MissingLayerError; Error{kBadInput} for a frame that a stage reads and the one before does not make; those of
+/// Stage::output. Pre: the source has all frames of its reach.
+StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& source, std::span<const int> wanted);
+
+}  // namespace tempera
