@@ -18,8 +18,7 @@ namespace {
 
 std::vector<CatalogItem> integrators() {
   std::vector<CatalogItem> out;
-  for (const MethodEntry* e : method_catalog())
-    out.push_back({e->name, e->help, {e->params.begin(), e->params.end()}});
+  for (const MethodEntry* e : method_catalog()) out.push_back({e->name, e->help, {e->params.begin(), e->params.end()}});
   return out;
 }
 

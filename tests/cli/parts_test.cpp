@@ -43,7 +43,8 @@ TEST_F(CliParts, KilledWorkContinuesInEveryPass) {
     int kills = 0;
     for (; kills < 3 && !fs::exists(first); ++kills) {
       Process p(command(killed, with(jobs[i], {"--resume", "--checkpoint-minutes", "0.002"})));
-      const auto before = fs::exists(first + ".partial") ? fs::last_write_time(first + ".partial") : fs::file_time_type();
+      const auto before =
+          fs::exists(first + ".partial") ? fs::last_write_time(first + ".partial") : fs::file_time_type();
       ASSERT_TRUE(p.wait_until([&] {
         std::error_code ignored;
         return fs::exists(first, ignored) || fs::last_write_time(first + ".partial", ignored) > before;
@@ -94,7 +95,8 @@ TEST_F(CliParts, PartsOfOtherThingsAreRefused) {
   EXPECT_NE(mixed.err.find("other settings"), std::string::npos) << mixed.err;
   fs::create_directory(path("empty"));
   EXPECT_EQ(run({"merge", path("empty"), "-o", path("c")}).status, 4);
-  for (const auto& entry : fs::directory_iterator(path("a"))) fs::resize_file(entry.path(), fs::file_size(entry.path()) / 2);
+  for (const auto& entry : fs::directory_iterator(path("a")))
+    fs::resize_file(entry.path(), fs::file_size(entry.path()) / 2);
   const Outcome damaged = run({"merge", path("a"), "-o", path("c")});
   EXPECT_EQ(damaged.status, 3);
   EXPECT_NE(damaged.err.find("it is damaged"), std::string::npos) << damaged.err;

@@ -84,7 +84,8 @@ struct RayScene::Impl {
   Triangle triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
   Triangle blended_triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
   Triangle knot_triangle(const PlacedShape& placed, std::uint32_t primitive, std::size_t knot) const;
-  /// The same in double with its derivatives by time (per second); normals are of unit length for deforming meshes only.
+  /// The same in double with its derivatives by time (per second); normals are of unit length for deforming meshes
+  /// only.
   struct MovingTriangle {
     Vec3d p[3], n[3], dpdt[3], dndt[3];
     bool smooth = false;

@@ -13,8 +13,8 @@
 #include <utility>
 #include <vector>
 
-#include "tempera/core/fast_math.h"
 #include "pixel_mean.h"
+#include "tempera/core/fast_math.h"
 
 namespace tempera {
 namespace {

@@ -228,8 +228,7 @@ void GradientTile::load(ByteReader& in) {
 
 GradientBatches::GradientBatches(const RenderSettings& settings, const GradientOptions& options, int spp)
     : plan_(plan_batches(options.adaptive, spp)) {
-  const auto pixels =
-      std::size_t(settings.x1() - settings.x0()) * std::size_t(settings.y1() - settings.y0());
+  const auto pixels = std::size_t(settings.x1() - settings.x0()) * std::size_t(settings.y1() - settings.y0());
   taken_.assign(pixels, 0);
   wanted_.assign(pixels, plan_.first);
 }

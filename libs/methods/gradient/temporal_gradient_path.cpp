@@ -44,8 +44,7 @@ class TemporalGradientPath final : public Method {
     }();
     return specs;
   }
-  explicit TemporalGradientPath(const Params& p)
-      : options_(p), subpixel_motion_(p.get_bool("subpixel_motion")) {}
+  explicit TemporalGradientPath(const Params& p) : options_(p), subpixel_motion_(p.get_bool("subpixel_motion")) {}
 
   std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
     check_gradient_settings(settings, "temporal_gradient_path");
@@ -155,7 +154,7 @@ class TemporalGradientPath final : public Method {
           key.rotation_y = rotation(context.settings.filter, from.residue.y);
         }
         const int count = replayed && !state.samples_before.empty() ? int(state.samples_before.at(sx - x0, sy - y0))
-                                                                   : offset_samples(context.settings);
+                                                                    : offset_samples(context.settings);
         film.sample(context, options_, x, y, key, 0, count, counters);
         const std::array<float, 3> values{replayed ? float(sx) : 0, replayed ? float(sy) : 0, replayed ? 1.0f : 0.0f};
         std::copy(values.begin(), values.end(), source.pixel(x - x0, y - y0));

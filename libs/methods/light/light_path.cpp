@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
-// Light tracing: paths start at lights, and every surface that they meet is connected to the camera. [Veach 1997,
-// Sec. 8.3.2] Caustics on diffuse surfaces, which paths from the camera find by chance alone, come out clean: it makes
-// references for them. What stands between them and the camera must not be a perfect mirror or clear glass: such surfaces
-// stay black. Light that the camera sees directly comes from a pass of camera rays, and so do features of first surfaces.
+// Light tracing: paths start at lights, and every surface that they meet is connected to the camera. Caustics on
+// diffuse
+// surfaces, which paths from the camera find by chance alone, come out clean: it makes references for them. What stands
+// between them and the camera must not be a perfect mirror or clear glass: such surfaces stay black. Light that the
+// camera
+// sees directly comes from a pass of camera rays, and so do features of first surfaces.
 //
 //   beta         flux that the light subpath carries
 //   wc, wl       unit directions at a vertex: on towards the camera, back towards the light
@@ -34,7 +36,8 @@ const std::vector<ParamSpec>& params() {
   return specs;
 }
 
-/// Fraction of light from `distance` ahead that reaches the camera along its ray: as camera rays do, past what is hidden
+/// Fraction of light from `distance` ahead that reaches the camera along its ray: as camera rays do, past what is
+/// hidden
 /// from the camera and through what is not opaque.
 float reaches_camera(const FrameContext& context, const CameraRay& seen, float distance, double time) {
   Ray ray{seen.o, seen.d, seen.tmin, kInfinity, time};
@@ -166,7 +169,8 @@ class LightPath final : public Method {
     counters.samples += std::uint64_t(last - first);
   }
 
-  /// Adds light that arrives at film position `pixel` at time t to all pixels whose filter has it, in all frames that are
+  /// Adds light that arrives at film position `pixel` at time t to all pixels whose filter has it, in all frames that
+  /// are
   /// open then. Paths were drawn for each of these frames: they share them by how likely each was to draw t.
   static void splat(const RenderSettings& s, FrameRange section, int frame, bool overlap, const Vec2f& pixel, double t,
                     const Rgb& value, UnitOutput& out) {
@@ -194,13 +198,14 @@ class LightPath final : public Method {
     }
   }
 
-  /// Traces light path `index` of the frame and calls arrive(film position, time, value) for each way in which its light
+  /// Traces light path `index` of the frame and calls arrive(film position, time, value) for each way in which its
+  /// light
   /// gets to the film; the value lacks the filter.
   template <class Arrive>
   void trace(const FrameContext& frame, std::uint32_t index, RenderCounters& counters, Arrive&& arrive) const {
     const RenderSettings& s = frame.settings;
-    const SampleStream stream(s.sampler, s.seed, stream_number(StreamPurpose::kLight, s.seed_per_frame ? frame.frame : 0),
-                              0, 0, index);
+    const SampleStream stream(s.sampler, s.seed,
+                              stream_number(StreamPurpose::kLight, s.seed_per_frame ? frame.frame : 0), 0, 0, index);
     const LightNumbers start = stream.light();
     const Vec2f lens = stream.camera().lens;
     const double t = s.clock.exposure_time(frame.frame, start.time);
@@ -256,7 +261,8 @@ class LightPath final : public Method {
   };
   /// Where light from wl goes on.
   static std::optional<Scattered> scatter(Vertex& v, const Vec3f& wl, const VertexNumbers& u) {
-    // Bending normals depends on the viewer, who is not known yet: directions are drawn by normals as they are, and some
+    // Bending normals depends on the viewer, who is not known yet: directions are drawn by normals as they are, and
+    // some
     // from everywhere, as a bent surface may scatter where an unbent one does not.
     const bool bends = v.s.bends;
     const float from_everywhere = bends ? 0.1f : 0.0f;
@@ -279,8 +285,8 @@ class LightPath final : public Method {
       const float pdf = (1 - from_everywhere) * sample.pdf + from_everywhere * (0.25f * kInvPi);
       return Scattered{wc, towards(v, wc).eval(wc, wl).sum() * (std::abs(dot(v.s.ng, wc)) / pdf)};
     }
-    // Flux is conserved where radiance is compressed by refraction [Veach 1997, Eq. 5.14]; a shading normal changes it
-    // [Veach 1997, Eq. 5.19].
+    // Flux is conserved where radiance is compressed by refraction [Veach 1997, Sec. 5.2]; a shading normal changes it
+    // [Veach 1997, Sec. 5.3].
     const float eta2 = sample.transmitted ? sample.eta * sample.eta : 1.0f;
     const Vec3f n = v.bsdf.frame(sample.lobe).n;
     const float correction = std::abs(dot(n, wl) * dot(v.s.ng, wc)) / std::max(std::abs(dot(n, wc)), 1e-7f);

@@ -10,7 +10,8 @@ namespace tempera {
 std::vector<Tile> make_tiles(int width, int height, int size) {
   std::vector<Tile> tiles;
   for (int y = 0; y < height; y += size) {
-    for (int x = 0; x < width; x += size) tiles.push_back({x, y, std::min(x + size, width), std::min(y + size, height)});
+    for (int x = 0; x < width; x += size)
+      tiles.push_back({x, y, std::min(x + size, width), std::min(y + size, height)});
   }
   return tiles;
 }
@@ -100,9 +101,7 @@ std::shared_ptr<const Bytes> Section::kept(const Unit& unit) const {
   return slot(unit) < kept_.size() ? kept_[slot(unit)] : nullptr;
 }
 
-PassResult Section::result() {
-  return {all_pictures_, kept_};
-}
+PassResult Section::result() { return {all_pictures_, kept_}; }
 
 void Section::commit(const Unit& unit, std::span<const UnitOutput::Splat> splats, Bytes kept,
                      const RenderTotals& totals) {
@@ -350,9 +349,8 @@ void Section::merge(const Section& other) {
     for (std::size_t i = 0; i < done_[p].size(); ++i) doubled += done_[p][i] && other.done_[p][i];
     // What both hold of passes that have ended is the same.
     if (doubled > 0 && int(p) >= ended_) {
-      throw Error(ErrorCode::kBadInput,
-                  fmt::format("{} of {} units of the pass \"{}\" are in another part, too", doubled, done_[p].size(),
-                              passes_[p].name));
+      throw Error(ErrorCode::kBadInput, fmt::format("{} of {} units of the pass \"{}\" are in another part, too",
+                                                    doubled, done_[p].size(), passes_[p].name));
     }
   }
   for (std::size_t p = 0; p < passes_.size(); ++p) {

@@ -117,8 +117,7 @@ TEST(Section, EveryPassOfAdaptiveSamplingContinuesFromWhatWasSaved) {
                                          method->passes(shot.settings, {2, 2}), shot.tile);
       };
       const Frame whole = shot.render(2);
-      const Image samples_before =
-          shot.integrator == "gradient_path" ? Image() : shot.render(1).layer("samples");
+      const Image samples_before = shot.integrator == "gradient_path" ? Image() : shot.render(1).layer("samples");
       auto section = make();
       int runs = 0;
       for (; !section->is_done() && runs < 100; ++runs) {
@@ -143,7 +142,8 @@ TEST(Section, EveryPassOfAdaptiveSamplingContinuesFromWhatWasSaved) {
       EXPECT_GT(runs, 3) << name;
       section->finish(*method);
       for (const Layer& layer : whole.layers())
-        EXPECT_EQ(section->picture(2).layer(layer.desc.name), layer.image) << name << " " << mode << " " << layer.desc.name;
+        EXPECT_EQ(section->picture(2).layer(layer.desc.name), layer.image)
+            << name << " " << mode << " " << layer.desc.name;
     }
   }
 }

@@ -56,7 +56,8 @@ bool is_whole(std::ifstream& stream) {
     left -= std::int64_t(n);
   }
   std::uint64_t stored = 0;
-  const bool whole = left == 0 && stream.read(reinterpret_cast<char*>(&stored), sizeof stored) && stored == hash.value();
+  const bool whole =
+      left == 0 && stream.read(reinterpret_cast<char*>(&stored), sizeof stored) && stored == hash.value();
   stream.seekg(0);
   return whole;
 }
@@ -125,9 +126,8 @@ void read_checkpoint(const std::string& path,
   if (!stream) throw Error(ErrorCode::kMissingFile, {path}, "cannot be opened");
   const auto damaged = [&] { return Error(ErrorCode::kBadInput, {path}, "it is damaged"); };
   if (!is_whole(stream)) throw damaged();
-  ByteReader in([&](void* data, std::size_t n) {
-    return bool(stream.read(static_cast<char*>(data), std::streamsize(n)));
-  });
+  ByteReader in(
+      [&](void* data, std::size_t n) { return bool(stream.read(static_cast<char*>(data), std::streamsize(n))); });
   std::string magic(kMagic.size(), ' ');
   try {
     in.bytes(magic.data(), magic.size());

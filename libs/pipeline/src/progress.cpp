@@ -66,9 +66,7 @@ class Counting : public RenderObserver {
   virtual void frame_done(const FrameReport&) {}
   virtual void finished(const RenderReport&) {}
 
-  double fraction() const {
-    return units_ > 0 ? std::min(1.0, double(done_) / double(units_)) : 1.0;
-  }
+  double fraction() const { return units_ > 0 ? std::min(1.0, double(done_) / double(units_)) : 1.0; }
   double elapsed() const { return now() - begin_; }
   /// Negative while there is nothing to judge by.
   double seconds_left() const {

@@ -54,9 +54,7 @@ struct Sequence {
 
   double motion_step() const { return shot.settings.clock.frame_duration() / shot.motion_segments; }
   FrameRange section(int frame) const { return method->section(shot.settings, shot.sequence, frame); }
-  SceneWindow window(FrameRange section) {
-    return {scene, shot.settings, classifier, motion_step(), cache, section};
-  }
+  SceneWindow window(FrameRange section) { return {scene, shot.settings, classifier, motion_step(), cache, section}; }
   std::unique_ptr<Section> make_section(FrameRange range, std::vector<int> frames, std::vector<PassDesc> passes) const {
     return std::make_unique<Section>(*method, shot.settings, scene, range, std::move(frames), std::move(passes));
   }
@@ -406,8 +404,8 @@ class JobRender {
     hooks.done = [&](const Unit& unit, const Frame* picture, const RenderTotals& totals) {
       const int frame = picture ? unit.frame : job_.frames[0];
       const int dx = q_.shot.settings.x0(), dy = q_.shot.settings.y0();
-      const Tile tile = picture ? Tile{unit.tile.x0 - dx, unit.tile.y0 - dy, unit.tile.x1 - dx, unit.tile.y1 - dy}
-                                : Tile{};
+      const Tile tile =
+          picture ? Tile{unit.tile.x0 - dx, unit.tile.y0 - dy, unit.tile.x1 - dx, unit.tile.y1 - dy} : Tile{};
       for (RenderObserver* o : observers_) o->tile_done(frame, section_->picture(frame), tile, totals);
     };
     bool done = false;
@@ -446,8 +444,8 @@ class JobRender {
   void write(FrameWriter& writer) {
     section_->finish(*q_.method);
     if (const std::uint64_t lost = section_->lost()) {
-      log_warning(fmt::format("{}: {} values were too bright for the range of their layer and are missing", title(),
-                              lost));
+      log_warning(
+          fmt::format("{}: {} values were too bright for the range of their layer and are missing", title(), lost));
     }
     RenderTotals totals = section_->totals();
     const double each = seconds() / double(job_.frames.size());
@@ -456,8 +454,8 @@ class JobRender {
       Frame& picture = section_->picture(f);
       earlier_.keep(f, picture, section_->passes());
       finish_metadata(picture, record_.frames[i].metadata, each);
-      writer.push(std::move(picture), {f, frame_path(q_.shot.output, f), each, totals},
-                  q_.shot.write, i + 1 == job_.frames.size() ? store_ : "");
+      writer.push(std::move(picture), {f, frame_path(q_.shot.output, f), each, totals}, q_.shot.write,
+                  i + 1 == job_.frames.size() ? store_ : "");
       totals = {};  // of all frames together, with the first
     }
   }
@@ -510,10 +508,11 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
   if (options.part.count > 1 && !shot.frames.empty()) {
     for (const PassDesc& pass : q.method->passes(shot.settings, q.section(shot.frames[0]))) {
       if (pass.waits) {
-        throw Error(ErrorCode::kUnsupported,
-                    fmt::format("the pass \"{}\" of \"{}\" needs the whole frame as the passes before left it: divide the "
-                                "frames among machines, not each frame into parts",
-                                pass.name, shot.integrator));
+        throw Error(
+            ErrorCode::kUnsupported,
+            fmt::format("the pass \"{}\" of \"{}\" needs the whole frame as the passes before left it: divide the "
+                        "frames among machines, not each frame into parts",
+                        pass.name, shot.integrator));
       }
     }
   }

@@ -46,7 +46,7 @@ std::string how_to_get(const LayerDesc& layer, const Shot& shot) {
   };
   if (writes(shot.integrator, shot.params, true)) return "name it in output.layers";
   std::vector<std::string> who;
-  for (const IntegratorEntry* e : integrator_catalog()) {
+  for (const MethodEntry* e : method_catalog()) {
     if (!writes(e->name, Params(e->params), false)) continue;
     who.push_back(fmt::format("the integrator {}{}", e->name, e->name == shot.integrator ? " by default" : ""));
   }

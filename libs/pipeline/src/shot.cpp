@@ -629,7 +629,7 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
 
 std::vector<LayerDesc> rendered_layers(const std::string& integrator, const Params& params,
                                        const RenderSettings& settings) {
-  return find_integrator(integrator).make(params)->outputs(settings);
+  return find_method(integrator).make(params)->outputs(settings);
 }
 
 std::string shot_name(const std::filesystem::path& source) {
@@ -669,7 +669,8 @@ std::string fingerprint(const Shot& shot, const Scene& scene, int frame) {
   const WriteOptions& w = shot.write;
   // What a section has in common, and a mask, where there are such.
   std::string more;
-  const FrameRange section = find_method(shot.integrator).make(shot.params)->section(shot.settings, shot.sequence, frame);
+  const FrameRange section =
+      find_method(shot.integrator).make(shot.params)->section(shot.settings, shot.sequence, frame);
   if (section.first != section.last) more += fmt::format(";section={}-{}", section.first, section.last);
   if (!shot.mask.empty()) more += ";mask=" + content_identity(frame_path(shot.mask, frame));
   return hash_hex(fmt::format("{};{:016x};{};{};{}:{};motion={};frame={};half={};names={};lossy={}{}", TEMPERA_VERSION,

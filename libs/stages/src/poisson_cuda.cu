@@ -150,7 +150,8 @@ __global__ void turn(int pixels, Rgb3 beta, const float* r, const float* inverse
   }
 }
 
-/// W^2 = scale W0^2 / (|W0 (A x - b)| + epsilon) of RGB norms [Manzi 2016, Eq. 3]; parts[block]: their sum in channel 0.
+/// W^2 = scale W0^2 / (|W0 (A x - b)| + epsilon) of RGB norms [Manzi 2016, Eq. 3]; parts[block]: their sum in channel
+/// 0.
 __global__ void reweight(FlatRows m, SquaredWeights w0, const float* precision, const float* data, const float* x,
                          float epsilon, float scale, float* squared, double* parts) {
   __shared__ double sums[kThreads][3];
@@ -219,7 +220,8 @@ class Solver {
     return sum;
   }
 
-  /// As conjugate_gradients of the host (poisson.cpp), with the norm of each residual computed before the next direction.
+  /// As conjugate_gradients of the host (poisson.cpp), with the norm of each residual computed before the next
+  /// direction.
   /// [Hestenes 1952]
   int conjugate_gradients(int steps, double& residual, const std::function<void(int)>& before_step) {
     apply(x.data(), data_.data(), -1, r_.data());

@@ -3,8 +3,8 @@
 
 #include <cmath>
 
-#include "tempera/transport/path_tracer.h"
 #include "tempera/core/parallel.h"
+#include "tempera/transport/path_tracer.h"
 
 namespace tempera {
 

@@ -55,7 +55,8 @@ Estimate estimate(TestShot shot, int frame, const std::vector<std::string>& laye
   });
 }
 
-/// Whether both estimate the same: each block by Welch's t, of which none of all may be unlikelier than `alpha` together,
+/// Whether both estimate the same: each block by Welch's t, of which none of all may be unlikelier than `alpha`
+/// together,
 /// and their sum.
 testing::AssertionResult agree(const Estimate& a, const Estimate& b, double alpha = 1e-3) {
   double difference = 0, variance = 0, total = 0, largest = 0;
@@ -117,7 +118,8 @@ INSTANTIATE_TEST_SUITE_P(
         Case{"directional", [] { return BoxShot(kWhite, rough_plastic()).lamp(LightType::kDirectional); }},
         Case{"rough_glass", [] { return BoxShot(kWhite, rough_glass()).area_light(); }},
         Case{"coarse_ball", [] { return BoxShot(kWhite, nullptr).coarse(make_diffuse(0.6f)).area_light(); }},
-        Case{"mask", [] { return BoxShot(make_mask(0.4f, kWhite), make_mask(0.5f, rough_metal())).area_light().sky(); }},
+        Case{"mask",
+             [] { return BoxShot(make_mask(0.4f, kWhite), make_mask(0.5f, rough_metal())).area_light().sky(); }},
         Case{"tent_filter",
              [] {
                BoxShot shot = BoxShot(kWhite, kWhite).area_light();

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// A method estimates light transport and writes named layers. It is what a user picks by name. It owns no threads and no
-// files: it says into which passes its work divides, and what one unit of a pass does; section_render.h runs them, and the
+// A method estimates light transport and writes named layers. It is what a user picks by name. It owns no threads and
+// no
+// files: it says into which passes its work divides, and what one unit of a pass does; section_render.h runs them, and
+// the
 // pipeline stores what comes of it.
 //
 //   section   frames of the shot that are rendered together: one by default
 //   pass      a step of the work on a section, declared before a ray is traced
-//   unit      the quantum of parallelism, checkpoint, resume and division: a tile of a frame, or a batch of light paths.
+//   unit      the quantum of parallelism, checkpoint, resume and division: a tile of a frame, or a batch of light
+// paths.
 //             What it does depends on its address alone, and on what passes before left.
 #include <memory>
 #include <span>
@@ -135,7 +138,8 @@ class Method {
   virtual bool renders_single_pixels() const { return false; }
 
   virtual std::unique_ptr<SectionState> begin(const SceneWindow& /*window*/) const { return nullptr; }
-  /// Called before the units of a pass, also of one that a checkpoint continues: works out what they share. `reads`: the
+  /// Called before the units of a pass, also of one that a checkpoint continues: works out what they share. `reads`:
+  /// the
   /// layers of PassDesc::reads. Frames out of the section are asked for here first, not by units. Threads: called from
   /// one, may use parallel_for.
   virtual void begin_pass(const SceneWindow& /*window*/, SectionState* /*state*/, int /*pass*/,
@@ -147,12 +151,14 @@ class Method {
   /// Threads: called concurrently for different units; changes nothing in `state` that another one sees.
   virtual void run(const SceneWindow& window, SectionState* state, const Unit& unit, UnitOutput& out,
                    RenderCounters& counters, std::stop_token stop) const = 0;
-  /// Called when all units of a pass are done, if another pass follows that waits for them: what is worked out from all of
+  /// Called when all units of a pass are done, if another pass follows that waits for them: what is worked out from all
+  /// of
   /// them, in the order of units, goes to `state`. Threads: as begin_pass.
   virtual void end_pass(const SceneWindow& /*window*/, SectionState* /*state*/, int /*pass*/,
                         const PassResult& /*result*/) const {}
 
-  /// Makes what needs neighbouring pixels of other tiles, once all units are done. Needs no scene. Threads: as begin_pass.
+  /// Makes what needs neighbouring pixels of other tiles, once all units are done. Needs no scene. Threads: as
+  /// begin_pass.
   virtual void finish(Frame& /*out*/) const {}
 
   /// Renders one sample again, to look into what was wrong with it, and returns its radiance. Methods that compute more

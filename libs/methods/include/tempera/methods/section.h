@@ -45,7 +45,8 @@ struct Part {
 /// Threads: `commit` from many, `save` beside it; the rest from one.
 class Section {
  public:
-  /// `frames`: of the section, for which pictures are wanted, ascending. `passes`: all of the method, or the first ones.
+  /// `frames`: of the section, for which pictures are wanted, ascending. `passes`: all of the method, or the first
+  /// ones.
   Section(const Method& method, const RenderSettings& settings, const Scene& scene, FrameRange range,
           std::vector<int> frames, std::vector<PassDesc> passes, int tile_size = kTileSize);
 
@@ -58,9 +59,7 @@ class Section {
   std::int64_t units(int pass) const { return std::int64_t(done_[std::size_t(pass)].size()); }
   std::int64_t units() const;
   std::int64_t units_done() const;
-  bool is_done(int pass, std::int64_t number) const {
-    return done_[std::size_t(pass)][std::size_t(number)] != 0;
-  }
+  bool is_done(int pass, std::int64_t number) const { return done_[std::size_t(pass)][std::size_t(number)] != 0; }
   bool is_done(int pass) const;
   bool is_done() const { return units_done() == units(); }
   /// Unit `number` of a pass, as Method::run takes it. Tiles are numbered frame by frame.
@@ -86,7 +85,8 @@ class Section {
   void save(ByteWriter& out) const;
   /// What was saved, to be merged and finished; continuing it takes `load`. Errors: Error{kBadInput} for damaged bytes.
   static std::unique_ptr<Section> read(ByteReader& in);
-  /// Takes over what was saved of this section. Errors: Error{kBadInput} for another one's, or damaged bytes; this is then
+  /// Takes over what was saved of this section. Errors: Error{kBadInput} for another one's, or damaged bytes; this is
+  /// then
   /// as it was.
   void load(ByteReader& in);
   /// Takes over the units of another part. Errors: Error{kBadInput} for units that are in both, or for another section.
@@ -119,9 +119,9 @@ class Section {
   std::vector<Frame*> all_pictures_;
   std::vector<SplatTarget> splats_;
 
-  mutable std::mutex mutex_;               // of what follows
-  mutable std::shared_mutex film_mutex_;   // shared by units that splat; exclusive: between two of them
-  std::vector<std::vector<char>> done_;    // by pass and unit
+  mutable std::mutex mutex_;                        // of what follows
+  mutable std::shared_mutex film_mutex_;            // shared by units that splat; exclusive: between two of them
+  std::vector<std::vector<char>> done_;             // by pass and unit
   std::vector<std::shared_ptr<const Bytes>> kept_;  // by tile of all frames, or by unit of the pass of paths that runs
   int ended_ = 0;
   Bytes state_;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Primary sample space with addressed coordinates: every random number of a path is a function of its key (seed,
-// stream, pixel, sample) and of its coordinate (subpath, vertex, purpose). Nothing is drawn in sequence, so offset paths,
+// stream, pixel, sample) and of its coordinate (subpath, vertex, purpose). Nothing is drawn in sequence, so offset
+// paths,
 // replays, resumed units and any number of threads see the same numbers.
 #include <cstdint>
 
@@ -147,7 +148,8 @@ class SampleStream {
     const detail::Words4 bits = detail::reverse_bits(detail::scramble_reversed(digits, detail::Words4{low, high}));
     return {to_unit_float(bits[0]), to_unit_float(bits[1])};
   }
-  /// The numbers of the camera, of the light, and of vertex b of a subpath: equal to get1 and get2 of their coordinates, for little more than the
+  /// The numbers of the camera, of the light, and of vertex b of a subpath: equal to get1 and get2 of their
+  /// coordinates, for little more than the
   /// price of one pair.
   CameraNumbers camera() const {
     const Block u = block(0);

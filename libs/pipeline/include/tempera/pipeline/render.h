@@ -76,7 +76,8 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
 
 /// Adds up the parts of frames that lie in `inputs` (folders, or files), and writes the frames to the folder `output`.
 /// Result:  the files that one run would have written, by their names. Returns how many frames.
-/// Errors:  Error{kBadInput} for parts of different frames or settings, and for units that are missing, or that two parts
+/// Errors:  Error{kBadInput} for parts of different frames or settings, and for units that are missing, or that two
+/// parts
 ///          hold; Error{kMissingFile} where there are no parts.
 std::size_t merge_parts(std::span<const std::string> inputs, const std::string& output);
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// How the stage `reconstruct` cuts a sequence into windows, which are solved one after the other (poisson.h) and blended.
+// How the stage `reconstruct` cuts a sequence into windows, which are solved one after the other (poisson.h) and
+// blended.
 #include <vector>
 
 #include "tempera/core/time.h"

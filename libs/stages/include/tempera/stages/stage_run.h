@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
-// Runs a stage over files: which frames it reads, which are finished, reading a few frames at a time, progress, stopping,
+// Runs a stage over files: which frames it reads, which are finished, reading a few frames at a time, progress,
+// stopping,
 // and writing each file whole or not at all. The same for every stage.
 #include <functional>
 #include <optional>
@@ -40,15 +41,18 @@ struct StageReport {
   double seconds = 0;
 };
 
-/// Writes frames that `choice` makes of `in`, one sequence per port, to `output` (see frame_path; a name without a place
+/// Writes frames that `choice` makes of `in`, one sequence per port, to `output` (see frame_path; a name without a
+/// place
 /// for the number for one frame). The metadata are those that the stage gives a frame, and beside them
 /// tempera/<stage> (parameters), tempera/<stage>_command and tempera/<stage>_fingerprint.
-/// Result:  a function of the input files and parameters: the same bits for any number of threads, any choice of frames,
+/// Result:  a function of the input files and parameters: the same bits for any number of threads, any choice of
+/// frames,
 ///          and after any interruption, as long as all frames that the stage declares are there.
 /// Memory:  what the stage holds at a time, whatever the length of the sequence.
 /// Errors:  Error{kBadInput} for a missing layer, frames of different sizes, frames that are missing among those that
 ///          are read, each naming the file; Error{kMissingFile} for a frame that cannot be made; Error{kUsage} if a
-///          frame would replace its own input; Error{kCancelled} after `stop`: finished frames stay; those of the stage,
+///          frame would replace its own input; Error{kCancelled} after `stop`: finished frames stay; those of the
+/// stage,
 ///          of read_frame and of write_frame.
 StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> in, const std::string& output,
                       const StageOptions& options, StageObserver& observer, std::stop_token stop = {});

@@ -38,9 +38,9 @@ class FrameScene {
     LightSampler lights;
   };
   CameraModel camera_;
-  std::deque<Piece> pieces_;  // they stay where they are
-  std::vector<FrameContext> contexts_;     // of the pieces
-  std::optional<FrameContext> context_;    // of the whole exposure
+  std::deque<Piece> pieces_;             // they stay where they are
+  std::vector<FrameContext> contexts_;   // of the pieces
+  std::optional<FrameContext> context_;  // of the whole exposure
   GeometryCache& cache_;
   double motion_step_;
 };

@@ -4,8 +4,8 @@
 #include <span>
 #include <vector>
 
-#include "tempera/transport/path_tracer.h"
 #include "tempera/frames/cryptomatte.h"
+#include "tempera/transport/path_tracer.h"
 
 namespace tempera {
 
