@@ -71,8 +71,7 @@ std::string layers_text(const Frame& frame) {
 }
 
 /// Role, pass and path class of the layers of which the vocabulary says others or none: "name <tab> role <tab> pass
-/// <tab>
-/// path class" a line. An attribute of its own, as readers of before it take no more fields in the other one.
+/// <tab> path class" a line. An attribute of its own, as readers of before it take no more fields in the other one.
 std::string roles_text(const Frame& frame) {
   std::string text;
   for (const Layer& l : frame.layers()) {

@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Light tracing: paths start at lights, and every surface that they meet is connected to the camera. Caustics on
-// diffuse
-// surfaces, which paths from the camera find by chance alone, come out clean: it makes references for them. What stands
-// between them and the camera must not be a perfect mirror or clear glass: such surfaces stay black. Light that the
-// camera
-// sees directly comes from a pass of camera rays, and so do features of first surfaces.
+// diffuse surfaces, which paths from the camera find by chance alone, come out clean: it makes references for them.
+// What stands between them and the camera must not be a perfect mirror or clear glass: such surfaces stay black. Light
+// that the camera sees directly comes from a pass of camera rays, and so do features of first surfaces.
 //
 //   beta         flux that the light subpath carries
 //   wc, wl       unit directions at a vertex: on towards the camera, back towards the light
@@ -37,8 +35,7 @@ const std::vector<ParamSpec>& params() {
 }
 
 /// Fraction of light from `distance` ahead that reaches the camera along its ray: as camera rays do, past what is
-/// hidden
-/// from the camera and through what is not opaque.
+/// hidden from the camera and through what is not opaque.
 float reaches_camera(const FrameContext& context, const CameraRay& seen, float distance, double time) {
   Ray ray{seen.o, seen.d, seen.tmin, kInfinity, time};
   const float end = distance * (1 - 1e-4f);
@@ -170,8 +167,7 @@ class LightPath final : public Method {
   }
 
   /// Adds light that arrives at film position `pixel` at time t to all pixels whose filter has it, in all frames that
-  /// are
-  /// open then. Paths were drawn for each of these frames: they share them by how likely each was to draw t.
+  /// are open then. Paths were drawn for each of these frames: they share them by how likely each was to draw t.
   static void splat(const RenderSettings& s, FrameRange section, int frame, bool overlap, const Vec2f& pixel, double t,
                     const Rgb& value, UnitOutput& out) {
     FrameRange open{frame, frame};
@@ -199,8 +195,7 @@ class LightPath final : public Method {
   }
 
   /// Traces light path `index` of the frame and calls arrive(film position, time, value) for each way in which its
-  /// light
-  /// gets to the film; the value lacks the filter.
+  /// light gets to the film; the value lacks the filter.
   template <class Arrive>
   void trace(const FrameContext& frame, std::uint32_t index, RenderCounters& counters, Arrive&& arrive) const {
     const RenderSettings& s = frame.settings;
@@ -235,7 +230,8 @@ class LightPath final : public Method {
 
       shadow_rays += connect(context, v, wl, beta / cos_g, lens, t, arrive);
 
-      const auto scattered = scatter(v, wl, stream.vertex(k, Subpath::kLight));
+      const VertexNumbers u = stream.vertex(k, Subpath::kLight);
+      const auto scattered = scatter(v, wl, u);
       if (!scattered) break;
       const Vec3f wc = scattered->wc;
       const Rgb step = scattered->step / cos_g;
@@ -246,7 +242,7 @@ class LightPath final : public Method {
       ray = {rays.offset_origin(v.s.p, v.s.ng, wc), wc, 0, kInfinity, t};
       if (int(k) + 2 > options_.rr_depth) {
         const float survival = std::min(beta_roulette, kMaxContinue);
-        if (!(stream.vertex(k, Subpath::kLight).roulette < survival)) break;
+        if (!(u.roulette < survival)) break;
         beta *= 1 / survival;
         beta_roulette /= survival;
       }
@@ -262,8 +258,7 @@ class LightPath final : public Method {
   /// Where light from wl goes on.
   static std::optional<Scattered> scatter(Vertex& v, const Vec3f& wl, const VertexNumbers& u) {
     // Bending normals depends on the viewer, who is not known yet: directions are drawn by normals as they are, and
-    // some
-    // from everywhere, as a bent surface may scatter where an unbent one does not.
+    // some from everywhere, as a bent surface may scatter where an unbent one does not.
     const bool bends = v.s.bends;
     const float from_everywhere = bends ? 0.1f : 0.0f;
     v.s.bends = false;

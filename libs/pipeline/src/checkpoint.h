@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // A section in progress on disk: the finished units with all that they left, and what is needed to finish it without
-// its
-// scene. Written whole or not at all; a damaged, foreign or outdated file is refused with the reason.
+// its scene. Written whole or not at all; a damaged, foreign or outdated file is refused with the reason.
 #include <functional>
 #include <string>
 #include <vector>
@@ -45,8 +44,7 @@ void read_checkpoint(const std::string& path,
                      const std::function<void(const SectionRecord& record, ByteReader& section)>& use);
 
 /// Loads into a section in which nothing is done, and the seconds that were spent on it. Returns false, with `why` set,
-/// if
-/// the file does not belong to the section, which is then of no use any more. Pre: the file exists.
+/// if the file does not belong to the section, which is then of no use any more. Pre: the file exists.
 bool load_checkpoint(const std::string& path, SectionRecord& record, Section& section, std::string& why);
 
 }  // namespace tempera

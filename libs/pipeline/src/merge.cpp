@@ -7,6 +7,7 @@
 #include <regex>
 
 #include "checkpoint.h"
+#include "tempera/core/log.h"
 #include "tempera/pipeline/render.h"
 
 namespace tempera {
@@ -51,6 +52,10 @@ void write_frames(Merged& merged, const fs::path& output) {
     params.set_text(std::string(one.substr(0, one.find('='))), std::string(one.substr(one.find('=') + 1)));
   }
   section.finish(*find_method(record.method).make(params));
+  if (const std::uint64_t lost = section.lost()) {
+    log_warning(fmt::format("{}: {} values were too bright for the range of their layer and are missing",
+                            record.frames[0].file, lost));
+  }
   const double each = record.seconds / double(record.frames.size());
   for (std::size_t i = 0; i < record.frames.size(); ++i) {
     Frame& picture = section.picture(section.frames()[i]);

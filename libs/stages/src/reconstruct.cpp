@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stage `reconstruct`: turns the pictures and differences that a gradient-domain integrator wrote into final
-// frames,
-// window by window. The solver of one window is in poisson.h.
+// frames, window by window. The solver of one window is in poisson.h.
 //
 // Layers read of a frame t: `color`, `grad.x`, `grad.y` (the base pass B_t), and for sequences `offset.color`,
 // `offset.grad.x`, `offset.grad.y` (the offset pass O_t, which replays the random numbers of frame t - 1),

@@ -56,8 +56,7 @@ Estimate estimate(TestShot shot, int frame, const std::vector<std::string>& laye
 }
 
 /// Whether both estimate the same: each block by Welch's t, of which none of all may be unlikelier than `alpha`
-/// together,
-/// and their sum.
+/// together, and their sum.
 testing::AssertionResult agree(const Estimate& a, const Estimate& b, double alpha = 1e-3) {
   double difference = 0, variance = 0, total = 0, largest = 0;
   for (std::size_t i = 0; i < a.mean.size(); ++i) {

@@ -42,8 +42,7 @@ struct Hit {
 };
 
 /// A surface to first order around one of its points, in world space: by its parameters u, v (as in SurfacePoint) and
-/// by
-/// time, per second, with u and v held fixed.
+/// by time, per second, with u and v held fixed.
 struct SurfaceFrame {
   Vec3d p;           ///< position
   Vec3d ng, n;       ///< unit geometric and shading normals: equal where a surface has one of them alone
@@ -114,9 +113,8 @@ class RayScene {
   /// Whether anything lies within (tmin, tmax). Surfaces with opacity below 1 count as opaque here.
   bool occluded(const Ray& ray) const;
   /// Whether nothing lies between two points at time t: the same if they are exchanged, to the bit. Each is moved off
-  /// its
-  /// surface towards the other one first, as by offset_origin. Surfaces with opacity below 1 count as opaque. Points at
-  /// one place see each other; false if one is not finite.
+  /// its surface towards the other one first, as by offset_origin. Surfaces with opacity below 1 count as opaque.
+  /// Points at one place see each other; false if one is not finite.
   bool visible(const SurfaceEnd& a, const SurfaceEnd& b, double t) const;
 
   /// Everything a material needs at `point` at time `t`, seen from unit direction `wo`.
@@ -130,11 +128,10 @@ class RayScene {
   /// those of flat triangles by u and v always. Materials may bend n further, which this does not know.
   SurfaceFrame surface(const SurfacePoint& point, double u, double v, double t) const;
   /// Where the line o + distance d crosses the primitive of `hit`, in double, for hits of a ray that is this one
-  /// rounded
-  /// to float: surface(hit.point, u, v, t).p lies on the line to double rounding. Of two crossings the one nearer to
-  /// hit.t is taken. Empty where there is none: for lines in the plane of the primitive or past the curve of its
-  /// shape, and for crossings outside of it by more than 1e-4 of the range of u or v plus 2e-6 of the coordinates of
-  /// the ray's origin and of the point. Nothing is clamped: u and v may lie outside by that much.
+  /// rounded to float: surface(hit.point, u, v, t).p lies on the line to double rounding. Of two crossings the one
+  /// nearer to hit.t is taken. Empty where there is none: for lines in the plane of the primitive or past the curve of
+  /// its shape, and for crossings outside of it by more than 1e-4 of the range of u or v plus 2e-6 of the coordinates
+  /// of the ray's origin and of the point. Nothing is clamped: u and v may lie outside by that much.
   std::optional<PrimitiveHit> refine(const Hit& hit, const Vec3d& o, const Vec3d& d, double t) const;
   /// World area of triangle `primitive` of a mesh shape at time t, with its unit geometric normal.
   float triangle_area(std::uint32_t instance, std::uint32_t shape, std::uint32_t primitive, double t) const;
@@ -143,17 +140,15 @@ class RayScene {
   Affine3f world_from_unit(std::uint32_t instance, std::uint32_t shape, double t) const;
 
   /// Whether any point of a shape of an instance is in more than one place within `span`, by its node, skin, morph
-  /// targets
-  /// or vertex cache, as resampled: a knot beyond the end of the span counts if motion up to it is blended in. Hidden
-  /// things move, too; the camera is none of it.
+  /// targets or vertex cache, as resampled: a knot beyond the end of the span counts if motion up to it is blended in.
+  /// Hidden things move, too; the camera is none of it.
   bool moves(std::uint32_t instance, std::uint32_t shape, TimeSpan span) const;
   /// World box that holds a shape of an instance, hidden or not, at every time in `span` as rays meet it: turning
-  /// between
-  /// knots and rounding included. For analytic shapes, and meshes that deform or never move, it is the smallest one but
-  /// for rounding (1e-5 of the coordinates) and, of what turns, at most a fortieth of its way. A mesh that its node
-  /// moves, or that several instances share, is held by its box and a ball in its own space: unless it is stretched,
-  /// by at most three times the diagonal that it needs at a time. Empty for a mesh without triangles. Looks at every
-  /// triangle of meshes that deform (at each knot) or never move.
+  /// between knots and rounding included. For analytic shapes, and meshes that deform or never move, it is the smallest
+  /// one but for rounding (1e-5 of the coordinates) and, of what turns, at most a fortieth of its way. A mesh that its
+  /// node moves, or that several instances share, is held by its box and a ball in its own space: unless it is
+  /// stretched, by at most three times the diagonal that it needs at a time. Empty for a mesh without triangles. Looks
+  /// at every triangle of meshes that deform (at each knot) or never move.
   Bounds3f swept_bounds(std::uint32_t instance, std::uint32_t shape, TimeSpan span) const;
 
   const Shape& shape(const SurfacePoint& point) const { return scene_->shapes[point.shape]; }

@@ -147,8 +147,7 @@ class Animated {
 };
 
 /// The product of two values over time, with the jumps of both. Where both vary between keys it is sampled at 16 places
-/// a
-/// segment and linear between them. Pre: A * B is defined.
+/// a segment and linear between them. Pre: A * B is defined.
 template <class A, class B>
 auto product(const Animated<A>& a, const Animated<B>& b) {
   using T = decltype(a.at(0) * b.at(0));

@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // A method estimates light transport and writes named layers. It is what a user picks by name. It owns no threads and
-// no
-// files: it says into which passes its work divides, and what one unit of a pass does; section_render.h runs them, and
-// the
-// pipeline stores what comes of it.
+// no files: it says into which passes its work divides, and what one unit of a pass does; render_section.h runs them,
+// and the pipeline stores what comes of it.
 //
 //   section   frames of the shot that are rendered together: one by default
 //   pass      a step of the work on a section, declared before a ray is traced
@@ -139,9 +137,8 @@ class Method {
 
   virtual std::unique_ptr<SectionState> begin(const SceneWindow& /*window*/) const { return nullptr; }
   /// Called before the units of a pass, also of one that a checkpoint continues: works out what they share. `reads`:
-  /// the
-  /// layers of PassDesc::reads. Frames out of the section are asked for here first, not by units. Threads: called from
-  /// one, may use parallel_for.
+  /// the layers of PassDesc::reads. Frames out of the section are asked for here first, not by units. Threads: called
+  /// from one, may use parallel_for.
   virtual void begin_pass(const SceneWindow& /*window*/, SectionState* /*state*/, int /*pass*/,
                           std::span<const Image> /*reads*/) const {}
   /// Does one unit. Units of radiance: W/(m^2 sr), scene-linear RGB; time in seconds.
@@ -152,8 +149,7 @@ class Method {
   virtual void run(const SceneWindow& window, SectionState* state, const Unit& unit, UnitOutput& out,
                    RenderCounters& counters, std::stop_token stop) const = 0;
   /// Called when all units of a pass are done, if another pass follows that waits for them: what is worked out from all
-  /// of
-  /// them, in the order of units, goes to `state`. Threads: as begin_pass.
+  /// of them, in the order of units, goes to `state`. Threads: as begin_pass.
   virtual void end_pass(const SceneWindow& /*window*/, SectionState* /*state*/, int /*pass*/,
                         const PassResult& /*result*/) const {}
 

@@ -86,8 +86,7 @@ class Section {
   /// What was saved, to be merged and finished; continuing it takes `load`. Errors: Error{kBadInput} for damaged bytes.
   static std::unique_ptr<Section> read(ByteReader& in);
   /// Takes over what was saved of this section. Errors: Error{kBadInput} for another one's, or damaged bytes; this is
-  /// then
-  /// as it was.
+  /// then as it was.
   void load(ByteReader& in);
   /// Takes over the units of another part. Errors: Error{kBadInput} for units that are in both, or for another section.
   void merge(const Section& other);

@@ -2,8 +2,7 @@
 #pragma once
 // Primary sample space with addressed coordinates: every random number of a path is a function of its key (seed,
 // stream, pixel, sample) and of its coordinate (subpath, vertex, purpose). Nothing is drawn in sequence, so offset
-// paths,
-// replays, resumed units and any number of threads see the same numbers.
+// paths, replays, resumed units and any number of threads see the same numbers.
 #include <cstdint>
 
 #include "tempera/core/random.h"

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // What `tempera run` does with a shot: which frames it renders, which stages make what of them, what it makes a movie
-// of,
-// and where the files of each step go. Only the plan; render.h, stage_run.h and video.h do the work.
+// of, and where the files of each step go. Only the plan; render.h, stage_run.h and video.h do the work.
 #include <string>
 #include <vector>
 
@@ -40,15 +39,14 @@ struct RunPlan {
 };
 
 /// Settles the steps of a shot, backwards from the frames that were asked for. A frame of the result depends on the
-/// shot
-/// alone, not on which frames were asked for: to that end frames around them, within `shot.sequence`, are made as well
-/// where stages look beyond them. With `shot.halo` each run of frames asked for is made as if the shot ended so many
-/// frames around it. The movie of a part of the sequence gets the numbers of its first and last frame into its name,
-/// unless it was named on the command line; a single frame gets none unless one is named. `video` false: no movie.
+/// shot alone, not on which frames were asked for: to that end frames around them, within `shot.sequence`, are made as
+/// well where stages look beyond them. With `shot.halo` each run of frames asked for is made as if the shot ended so
+/// many frames around it. The movie of a part of the sequence gets the numbers of its first and last frame into its
+/// name, unless it was named on the command line; a single frame gets none unless one is named. `video` false: no
+/// movie.
 /// Errors: Error{kBadInput | kUsage}, where `config` says so: a stage that lacks a layer, with what would write it;
 /// frames that no stage makes, or that would replace those they are made of; a movie of a layer that the frames will
-/// not
-/// have, a name that no movie can have.
+/// not have, a name that no movie can have.
 RunPlan plan_run(const ShotConfig& config, const Shot& shot, bool video = true);
 
 /// The frames of a stage's ports when the steps before it are done. `step`: index in plan.stages.

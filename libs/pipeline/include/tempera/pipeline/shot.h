@@ -76,9 +76,9 @@ inline std::vector<LayerDesc> rendered_layers(const Shot& shot) {
 }
 
 /// As output_pattern, of the value of `key` (output.path or the path of a stage). A name without a place for the number
-/// is
-/// one file where the shot has a single frame, or where the command line gives the name and one frame: parts of a shot
-/// that names its files itself must not replace each other. Errors: Error{kUsage | kBadInput} where the key was given.
+/// is one file where the shot has a single frame, or where the command line gives the name and one frame: parts of a
+/// shot that names its files itself must not replace each other. Errors: Error{kUsage | kBadInput} where the key was
+/// given.
 std::string settle_output(const ShotConfig& config, const Shot& shot, const std::string& key, const std::string& name);
 
 /// Checks before rendering that frames of these layers can be stored under `options`. Errors: those of check_encoding,

@@ -2,9 +2,8 @@
 #pragma once
 // A stage turns the frames of a sequence into others: a pure function of the layers that it declares, over the frames
 // that it declares. It never sees a scene, so it runs from files, alone, on any machine. A StageEntry is its manual.
-// What
-// is the same for all stages (files, resume, progress, errors) is in stage_run.h, and how they follow each other in
-// stage_plan.h.
+// What is the same for all stages (files, resume, progress, errors) is in stage_run.h, and how they follow each other
+// in stage_plan.h.
 #include <map>
 #include <memory>
 #include <optional>
@@ -21,8 +20,7 @@
 namespace tempera {
 
 /// A sequence as it is known before a file of it is looked at. Frame numbers are places on the shot's time axis: a
-/// stage
-/// may leave frames out or make some in between, but a number means the same time before and after it.
+/// stage may leave frames out or make some in between, but a number means the same time before and after it.
 struct SequenceDesc {
   FrameRange sequence;      ///< of the whole, whatever part of it is there: what counts from its ends goes by this
   FrameRange reach;         ///< part of it that stages may look at: beyond it, they take the sequence to end
@@ -70,8 +68,7 @@ class Stage {
     return {frame};
   }
   /// What a frame depends on besides the parameters, its input frames and which ones these are: where it counts from
-  /// the
-  /// ends of the sequence, these. Changes the fingerprint.
+  /// the ends of the sequence, these. Changes the fingerprint.
   virtual std::string identity(std::span<const SequenceDesc> /*in*/) const { return ""; }
   /// Makes run.frames(), in ascending order. Memory: what one window takes, however long the sequence is.
   virtual void run(StageRun& run) const = 0;

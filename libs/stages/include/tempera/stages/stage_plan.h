@@ -37,8 +37,7 @@ class MissingLayerError : public Error {
 /// Plans `chain`: the first port of each stage gets the frames of the one before it, the first one's the source's; all
 /// other ports get the source's. `wanted`: frames of the last stage; those that it does not make are left out.
 /// Errors: MissingLayerError; Error{kBadInput} for a frame that a stage reads and the one before does not make; those
-/// of
-/// Stage::output. Pre: the source has all frames of its reach.
+/// of Stage::output. Pre: the source has all frames of its reach.
 StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& source, std::span<const int> wanted);
 
 }  // namespace tempera

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Runs a stage over files: which frames it reads, which are finished, reading a few frames at a time, progress,
-// stopping,
-// and writing each file whole or not at all. The same for every stage.
+// stopping, and writing each file whole or not at all. The same for every stage.
 #include <functional>
 #include <optional>
 #include <set>
@@ -42,8 +41,7 @@ struct StageReport {
 };
 
 /// Writes frames that `choice` makes of `in`, one sequence per port, to `output` (see frame_path; a name without a
-/// place
-/// for the number for one frame). The metadata are those that the stage gives a frame, and beside them
+/// place for the number for one frame). The metadata are those that the stage gives a frame, and beside them
 /// tempera/<stage> (parameters), tempera/<stage>_command and tempera/<stage>_fingerprint.
 /// Result:  a function of the input files and parameters: the same bits for any number of threads, any choice of
 /// frames,

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Pictures that any unit of work may add to anywhere: sums in 64-bit fixed point. Adding whole numbers is the same in
-// any
-// order, so the bits do not depend on threads, and parts from several machines add up to those of one run.
+// any order, so the bits do not depend on threads, and parts from several machines add up to those of one run.
 #include <cstdint>
 #include <span>
 #include <vector>
