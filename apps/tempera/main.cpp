@@ -73,14 +73,24 @@ constexpr const char* kOutOfMemoryEvent =
   _exit(exit_status(ErrorCode::kOutOfMemory));
 }
 
+/// Whether memory ran out: by an allocation, or because no stack was left for a thread that the standard library or TBB
+/// wanted to start (TBB tells that by its text alone).
+bool out_of_memory(const std::exception& e) {
+  if (dynamic_cast<const std::bad_alloc*>(&e) != nullptr) return true;
+  if (const auto* system = dynamic_cast<const std::system_error*>(&e)) {
+    return system->code() == std::errc::resource_unavailable_try_again ||
+           system->code() == std::errc::not_enough_memory;
+  }
+  return std::string_view(e.what()).starts_with("pthread_create has failed");
+}
+
 /// Exceptions that leave a thread or a noexcept function: memory that ran out gets the same end everywhere.
 void on_terminate() {
   if (const auto e = std::current_exception()) {
     try {
       std::rethrow_exception(e);
-    } catch (const std::bad_alloc&) {
-      end_of_memory();
     } catch (const std::exception& error) {
+      if (out_of_memory(error)) end_of_memory();
       std::fprintf(stderr, "tempera: internal failure: %s\n", error.what());
     } catch (...) {
       std::fprintf(stderr, "tempera: internal failure\n");
@@ -218,10 +228,11 @@ int main_guarded(int argc, char** argv) {
     return program.run();
   } catch (const Error& e) {
     return report(e, events);
-  } catch (const std::bad_alloc&) {
-    if (events) std::fputs(kOutOfMemoryEvent, stdout), std::fflush(stdout);
-    end_of_memory();
   } catch (const std::exception& e) {
+    if (out_of_memory(e)) {
+      if (events) std::fputs(kOutOfMemoryEvent, stdout), std::fflush(stdout);
+      end_of_memory();
+    }
     return report(Error(ErrorCode::kFailed, e.what()), events);
   }
 }
