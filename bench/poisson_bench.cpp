@@ -130,7 +130,7 @@ std::string theory_and_solver(const test::TheoryColumn& column) {
     const auto value = [&](double f) {
       return 1e3 * test::spatial_mean(n, cosine, [&](double s) { return of(s, f); });
     };
-    for (int k = 0; k < kFrequencies; ++k) c.at[std::size_t(k)] = value(0.05 * k);
+    for (int k = 0; k < kFrequencies; ++k) c.at[k] = value(0.05 * k);
     for (int k = 0; k < kSteps; ++k) {
       const double f = (k + 0.5) / kSteps, v = value(f) / kSteps;
       c.mean += v, c.difference += test::difference_power(f) * v;
@@ -156,7 +156,7 @@ std::string theory_and_solver(const test::TheoryColumn& column) {
   for (int y = 0; y < kSize; ++y) {
     for (int c = 0; c < 3; ++c) {
       for (int i = 0; i < kSize; ++i) {
-        for (int t = 0; t <= kKept; ++t) series[std::size_t(t)] = double(x.row(kMargin + t, y, c)[i]);
+        for (int t = 0; t <= kKept; ++t) series[t] = double(x.row(kMargin + t, y, c)[i]);
         for (std::size_t t = 0; t < kKept; ++t) {
           const double v = series[t], d = series[t + 1] - v;
           solver.mean += scale / kKept * v * v, solver.difference += scale / kKept * d * d;

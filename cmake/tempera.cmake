@@ -1,6 +1,7 @@
 # Warnings, optimisation and the one-line module definition.
 add_library(tempera_options INTERFACE)
 target_compile_options(tempera_options INTERFACE -Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wno-psabi
+  -Wconversion -Wno-sign-conversion  # nothing is narrowed silently; an int may index
   -Wno-missing-field-initializers)  # designated initializers name what differs from the defaults
 if(TEMPERA_ARCH)
   include(CheckCXXCompilerFlag)

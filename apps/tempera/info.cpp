@@ -115,7 +115,7 @@ int info(const ShotFlags& flags, bool json) {
                  {"width", s.width},
                  {"height", s.height},
                  {"spp", s.spp},
-                 {"camera", scene.cameras[std::size_t(s.camera)].name},
+                 {"camera", scene.cameras[s.camera].name},
                  {"integrator", shot->integrator},
                  {"parameters", shot->params.canonical()},
                  {"layers", s.layers},

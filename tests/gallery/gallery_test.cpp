@@ -111,15 +111,15 @@ TEST_P(Gallery, ThumbnailShowsWhatItIsFor) {
   for (std::size_t i = 0; i < scene.instances.size(); ++i) {
     const Instance& instance = scene.instances[i];
     bool moves = scene.moves(instance.node, shown);
-    for (const int s : scene.groups[std::size_t(instance.group)]) {
-      const auto* mesh = std::get_if<Mesh>(&scene.shapes[std::size_t(s)].geometry);
+    for (const int s : scene.groups[instance.group]) {
+      const auto* mesh = std::get_if<Mesh>(&scene.shapes[s].geometry);
       moves |= mesh && mesh->deforms();
     }
     if (moves) moving.insert(int(i));
   }
   for (const std::string& name : scene_->moving) {
     const bool found =
-        std::any_of(moving.begin(), moving.end(), [&](int i) { return scene.instances[std::size_t(i)].name == name; });
+        std::any_of(moving.begin(), moving.end(), [&](int i) { return scene.instances[i].name == name; });
     EXPECT_TRUE(found) << "\"" << name << "\" does not move";
   }
 
@@ -269,7 +269,7 @@ TEST(GalleryMotion, TheWaveIsTheOneOfTheStudy) {
                                        [](const Instance& i) { return i.name == "wave"; });
     ASSERT_NE(instance, scene.instances.end());
     const auto& mesh =
-        std::get<Mesh>(scene.shapes[std::size_t(scene.groups[std::size_t(instance->group)][0])].geometry);
+        std::get<Mesh>(scene.shapes[scene.groups[instance->group][0]].geometry);
     const Affine3d world = scene.world(instance->node, t);
     const std::vector<float> weights = mesh.morph_targets.empty() ? std::vector<float>() : mesh.morph_weights.at(t);
     for (std::size_t v = 0; v < mesh.positions.size(); v += 37) {

@@ -73,8 +73,8 @@ inline ChiSquareResult chi_square(const std::function<std::optional<Vec3f>(int)>
       dp = nodes * (t * p1 - p0) / (t * t - 1);
       t -= p1 / dp;
     }
-    x[std::size_t(i)] = (1 - t) / 2;
-    weight[std::size_t(i)] = 1 / ((1 - t * t) * dp * dp);
+    x[i] = (1 - t) / 2;
+    weight[i] = 1 / ((1 - t * t) * dp * dp);
   }
   double total = 0;
   for (int a = 0; a < kCos; ++a)

@@ -69,8 +69,8 @@ void analytic_occluded(const RTCOccludedFunctionNArguments* args) {
 }
 
 bool is_static_node(const Scene& scene, int node) {
-  for (; node >= 0; node = scene.nodes[std::size_t(node)].parent) {
-    const Node& n = scene.nodes[std::size_t(node)];
+  for (; node >= 0; node = scene.nodes[node].parent) {
+    const Node& n = scene.nodes[node];
     if (!n.local.is_constant() || !n.visibility.is_constant()) return false;
   }
   return true;
@@ -205,7 +205,7 @@ void GeometryCache::Impl::prepare(const Scene& s, bool robust) {
   scene = &s;
   for (const Shape& shape : s.shapes) has_opacity |= shape.material->has_opacity();
   std::vector<int> uses(s.groups.size(), 0);
-  for (const Instance& i : s.instances) ++uses[std::size_t(i.group)];
+  for (const Instance& i : s.instances) ++uses[i.group];
   static_scene = EmbreeScene(rtcNewScene(device));
   rtcSetSceneBuildQuality(static_scene.scene, RTC_BUILD_QUALITY_HIGH);
   if (robust) rtcSetSceneFlags(static_scene.scene, RTC_SCENE_FLAG_ROBUST);
@@ -213,13 +213,13 @@ void GeometryCache::Impl::prepare(const Scene& s, bool robust) {
   for (std::uint32_t i = 0; i < s.instances.size(); ++i) {
     const Instance& instance = s.instances[i];
     const bool fixed = is_static_node(s, instance.node);
-    const auto& group = s.groups[std::size_t(instance.group)];
+    const auto& group = s.groups[instance.group];
     first_placed.push_back(placed.size());
     for (const int shape_index : group) {
       const auto shape = std::uint32_t(shape_index);
       const Mesh* mesh = as_mesh(s.shapes[shape]);
       const Placement placement = mesh && mesh->deforms()                           ? Placement::kDeforming
-                                  : fixed && uses[std::size_t(instance.group)] == 1 ? Placement::kStatic
+                                  : fixed && uses[instance.group] == 1 ? Placement::kStatic
                                                                                     : Placement::kInstanced;
       if (placement == Placement::kInstanced) {
         instanced_groups.insert(instance.group);
@@ -245,7 +245,7 @@ void GeometryCache::Impl::prepare(const Scene& s, bool robust) {
     EmbreeScene group(rtcNewScene(device));
     rtcSetSceneBuildQuality(group.scene, RTC_BUILD_QUALITY_HIGH);
     if (robust) rtcSetSceneFlags(group.scene, RTC_SCENE_FLAG_ROBUST);
-    for (const int shape : s.groups[std::size_t(g)]) {
+    for (const int shape : s.groups[g]) {
       // Deforming shapes of the same group are attached to the top scene; an empty geometry keeps the ids aligned.
       const auto it = object_shapes.find(std::uint32_t(shape));
       if (it != object_shapes.end()) {

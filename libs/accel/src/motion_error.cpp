@@ -19,7 +19,7 @@ std::vector<Vec3f> some_points(const Scene& scene, const std::vector<int>& group
   constexpr std::size_t kVerticesPerMesh = 32;
   std::vector<Vec3f> points;
   for (const int shape : group) {
-    const Geometry& geometry = scene.shapes[std::size_t(shape)].geometry;
+    const Geometry& geometry = scene.shapes[shape].geometry;
     if (const auto* mesh = std::get_if<Mesh>(&geometry)) {
       if (mesh->deforms()) continue;
       const std::size_t stride = std::max<std::size_t>(1, mesh->positions.size() / kVerticesPerMesh);
@@ -60,9 +60,9 @@ std::vector<double> motion_errors(const Scene& scene, std::span<const TimeSpan> 
   for (std::size_t g = 0; g < points.size(); ++g) points[g] = some_points(scene, scene.groups[g]);
   std::vector<double> errors(exposures.size(), 0);
   parallel_for(0, std::int64_t(exposures.size()), [&](std::int64_t index) {
-    const TimeSpan exposure = exposures[std::size_t(index)];
+    const TimeSpan exposure = exposures[index];
     if (!(exposure.length() > 0)) return;
-    double& error = errors[std::size_t(index)];
+    double& error = errors[index];
     const auto note = [&](const Vec3f& authored, const Vec3f& resampled, double t) {
       const double d = distance(authored, resampled, t);
       if (d > error) error = d;  // false for what is no number
@@ -70,14 +70,14 @@ std::vector<double> motion_errors(const Scene& scene, std::span<const TimeSpan> 
     std::vector<double> jumps;
     for (const Instance& instance : scene.instances) {
       if (!scene.visible(instance.node, exposure.begin) && !scene.visible(instance.node, exposure.end)) continue;
-      const auto& group = scene.groups[std::size_t(instance.group)];
+      const auto& group = scene.groups[instance.group];
       jumps.clear();
       scene.jumps(instance.node, exposure, jumps);
       const TimeSpan first{exposure.begin, exposure.begin};
       const MotionPieces pieces(MotionGrid{motion_step}, exposure, jumps, first);
       const auto& knots = pieces.knots();
       const TimeSpan span{knots.front().time, knots.back().time};
-      if (scene.moves(instance.node, span) && !points[std::size_t(instance.group)].empty()) {
+      if (scene.moves(instance.node, span) && !points[instance.group].empty()) {
         std::vector<Affine3d> worlds;
         worlds.reserve(knots.size());
         for (const auto& k : knots) worlds.push_back(scene.world(instance.node, k.time, k.piece));
@@ -87,14 +87,14 @@ std::vector<double> motion_errors(const Scene& scene, std::span<const TimeSpan> 
           const Affine3f authored(scene.world(instance.node, test.time, test.piece));
           const AffineKnot &a = motion[test.knot], &b = motion[test.knot + 1];
           const Affine3f resampled = interpolate(a, b, test.blend), from = compose(a), to = compose(b);
-          for (const Vec3f& p : points[std::size_t(instance.group)]) {
+          for (const Vec3f& p : points[instance.group]) {
             note(authored.point(p), rigid ? resampled.point(p) : lerp(from.point(p), to.point(p), test.blend),
                  test.time);
           }
         }
       }
       for (const int shape : group) {
-        const auto* mesh = std::get_if<Mesh>(&scene.shapes[std::size_t(shape)].geometry);
+        const auto* mesh = std::get_if<Mesh>(&scene.shapes[shape].geometry);
         if (!mesh || !mesh->deforms()) continue;
         std::vector<double> all;
         mesh_jumps(scene, *mesh, instance.node, exposure, all);

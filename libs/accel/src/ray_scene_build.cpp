@@ -47,8 +47,8 @@ void RayScene::Impl::build_deforming(PlacedShape& placed_shape) {
     const auto n = std::int64_t(mesh.positions.size());
     parallel_for(0, (n + kBlock - 1) / kBlock, [&](std::int64_t block) {
       for (std::int64_t i = block * kBlock; i < std::min(n, (block + 1) * kBlock); ++i) {
-        v.own_positions[std::size_t(i)] = posed_position(mesh, pose, std::uint32_t(i));
-        if (!mesh.normals.empty()) v.own_normals[std::size_t(i)] = posed_normal(mesh, pose, std::uint32_t(i));
+        v.own_positions[i] = posed_position(mesh, pose, std::uint32_t(i));
+        if (!mesh.normals.empty()) v.own_normals[i] = posed_normal(mesh, pose, std::uint32_t(i));
       }
     });
     vertex_bytes += (v.own_positions.capacity() + v.own_normals.capacity()) * sizeof(Vec3f);
@@ -107,7 +107,7 @@ void RayScene::Impl::attach_own(std::uint32_t instance, std::size_t slot, std::u
 /// Puts what is not static of an instance into the top scene.
 void RayScene::Impl::attach(std::uint32_t i) {
   const Instance& instance = scene->instances[i];
-  const auto& group = scene->groups[std::size_t(instance.group)];
+  const auto& group = scene->groups[instance.group];
   const double representative = 0.5 * (rays.begin + rays.end);
   bool visible = scene->visible(instance.node, representative);
   const InstanceMotion& m = motions[i];
@@ -199,7 +199,7 @@ RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const
 
   for (const auto& p : s.cache->placed) s.placed.push_back(p.get());
   for (std::size_t i = 0; i < scene.instances.size(); ++i) {
-    const auto& group = scene.groups[std::size_t(scene.instances[i].group)];
+    const auto& group = scene.groups[scene.instances[i].group];
     for (std::size_t k = 0; k < group.size(); ++k) {
       const std::size_t slot = s.cache->first_placed[i] + k;
       if (!s.placed[slot]) s.placed[slot] = s.cache->object_shapes.at(std::uint32_t(group[k])).get();
@@ -225,7 +225,7 @@ RayScene::RayScene(const Scene& scene, TimeSpan rays, TimeSpan evaluation, const
     rtcCommitScene(s.top);
   }
   for (std::size_t i = 0; i < scene.instances.size(); ++i) {
-    const bool single = scene.groups[std::size_t(scene.instances[i].group)].size() == 1;
+    const bool single = scene.groups[scene.instances[i].group].size() == 1;
     s.single_shape.push_back(single ? s.placed[s.cache->first_placed[i]] : nullptr);
   }
   check_device(s.cache->device);

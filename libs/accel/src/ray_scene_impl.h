@@ -48,7 +48,7 @@ struct RayScene::Impl {
 
   const PlacedShape& find(std::uint32_t instance, std::uint32_t shape) const {
     if (const PlacedShape* p = single_shape[instance]) return *p;
-    const auto& group = scene->groups[std::size_t(scene->instances[instance].group)];
+    const auto& group = scene->groups[scene->instances[instance].group];
     std::size_t i = cache->first_placed[instance];
     for (std::size_t k = 0; std::uint32_t(group[k]) != shape; ++k) ++i;
     return *placed[i];

@@ -44,7 +44,7 @@ const Vec3f* RayScene::Impl::positions_at(const PlacedShape& p, std::size_t knot
   const auto n = std::int64_t(storage.size());
   parallel_for(0, (n + kBlock - 1) / kBlock, [&](std::int64_t block) {
     for (std::int64_t i = block * kBlock; i < std::min(n, (block + 1) * kBlock); ++i) {
-      storage[std::size_t(i)] = posed_position(*p.mesh, p.poses[knot], std::uint32_t(i));
+      storage[i] = posed_position(*p.mesh, p.poses[knot], std::uint32_t(i));
     }
   });
   return storage.data();

@@ -56,7 +56,7 @@ bool RayScene::intersect(const Ray& ray, Hit& hit) const {
       from_static(r.hit.geomID);
     } else {
       hit.point.instance = e.instance;
-      hit.point.shape = std::uint32_t(s.scene->groups[std::size_t(s.scene->instances[e.instance].group)][r.hit.geomID]);
+      hit.point.shape = std::uint32_t(s.scene->groups[s.scene->instances[e.instance].group][r.hit.geomID]);
     }
   } else {
     const Impl::TopEntry& e = s.top_entries[r.hit.geomID];

@@ -102,10 +102,10 @@ TEST(SingularPlaces, AreFlatOrVanish) {
           }
           SCOPED_TRACE(testing::Message() << kind << " " << s.x << "," << s.y << "," << s.z << " " << moves << shared);
           if (s == Vec3d{1, 1, 0}) {
-            EXPECT_NEAR(covered(rays, {0, 0, -1}, 0.3), seen_from_z[std::size_t(kind)], 0.05);
+            EXPECT_NEAR(covered(rays, {0, 0, -1}, 0.3), seen_from_z[kind], 0.05);
             if (kind != 3) {  // by the cosine, here 0.5
               const Vec3f d = normalize(Vec3f{0, std::sqrt(3.0f), -1});
-              EXPECT_NEAR(covered(rays, d, 0.3), 0.5 * seen_from_z[std::size_t(kind)], 0.1);
+              EXPECT_NEAR(covered(rays, d, 0.3), 0.5 * seen_from_z[kind], 0.1);
             }
           }
           const bool nothing = s == Vec3d{0, 0, 0};
@@ -195,10 +195,10 @@ TEST(Decompose, RotationsStayRotationsAndFlipsStayFlips) {
   for (const AffineKnot& k : decompose(turning)) EXPECT_LT(length(k.scale - Vec3f{1, 1, 1}), 1e-5f);
   const auto flips = decompose(flipping), two = decompose(both);
   for (int k = 0; k <= 8; ++k) {
-    EXPECT_NEAR(flips[std::size_t(k)].scale.x, 1 - k / 3.7, 1e-5) << k;
-    EXPECT_NEAR(flips[std::size_t(k)].scale.z, 2, 1e-5) << k;
-    EXPECT_NEAR(two[std::size_t(k)].scale.x, 1 - k / 3.7, 1e-5) << k;
-    EXPECT_NEAR(std::abs(two[std::size_t(k)].q.w), 1, 1e-5) << k;
+    EXPECT_NEAR(flips[k].scale.x, 1 - k / 3.7, 1e-5) << k;
+    EXPECT_NEAR(flips[k].scale.z, 2, 1e-5) << k;
+    EXPECT_NEAR(two[k].scale.x, 1 - k / 3.7, 1e-5) << k;
+    EXPECT_NEAR(std::abs(two[k].q.w), 1, 1e-5) << k;
   }
 }
 

@@ -93,7 +93,7 @@ inline Scene everything_moves() {
   skinned.skin.joints = {{root, Affine3d{}}, {joint, Affine3d{}}};
   for (const Vec3f& p : skinned.positions) {
     const float w = std::clamp(0.5f + 0.5f * p.y, 0.0f, 1.0f);
-    for (const std::uint16_t j : {0, 1}) skinned.skin.indices.push_back(j);
+    for (const int j : {0, 1}) skinned.skin.indices.push_back(std::uint16_t(j));
     skinned.skin.weights.push_back(1 - w);
     skinned.skin.weights.push_back(w);
   }

@@ -125,7 +125,7 @@ TEST(RayScene, ResamplingErrorFallsWithTheStep) {
   Scene scene = everything_moves();
   // Morph and cache keys fall between knots, where the error depends on where exactly: the others converge regularly.
   std::erase_if(scene.instances, [&](const Instance& i) {
-    const auto* mesh = std::get_if<Mesh>(&scene.shapes[std::size_t(i.group)].geometry);
+    const auto* mesh = std::get_if<Mesh>(&scene.shapes[i.group].geometry);
     return mesh && (mesh->cache.samples || !mesh->morph_targets.empty());
   });
   double previous = kInfinity;

@@ -75,7 +75,7 @@ std::vector<Case> cases() {
   });
   const Scene moving = everything_moves();
   for (std::size_t i = 0; i < moving.instances.size(); ++i) {  // skinned, morphed, from a vertex cache
-    const auto* mesh = std::get_if<Mesh>(&moving.shapes[std::size_t(moving.instances[i].group)].geometry);
+    const auto* mesh = std::get_if<Mesh>(&moving.shapes[moving.instances[i].group].geometry);
     if (!mesh || !mesh->deforms()) continue;
     for (const bool smooth : {false, true}) {
       Case c{"deforming mesh " + std::to_string(i), moving};
@@ -83,7 +83,7 @@ std::vector<Case> cases() {
       c.scene.groups = {{moving.instances[i].group}};
       c.scene.instances[0].group = 0;
       if (!smooth) {
-        Mesh& flat = std::get<Mesh>(c.scene.shapes[std::size_t(c.scene.groups[0][0])].geometry);
+        Mesh& flat = std::get<Mesh>(c.scene.shapes[c.scene.groups[0][0]].geometry);
         flat.normals.clear();
         for (MorphTarget& target : flat.morph_targets) target.normals.clear();
       }
@@ -96,7 +96,7 @@ std::vector<Case> cases() {
 /// A point of instance 0, away from poles.
 SurfacePoint random_point(const Scene& scene, std::uint64_t i) {
   SurfacePoint p;
-  p.shape = std::uint32_t(scene.groups[std::size_t(scene.instances[0].group)][0]);
+  p.shape = std::uint32_t(scene.groups[scene.instances[0].group][0]);
   p.u = uniform(i, 0), p.v = uniform(i, 1);
   if (const auto* mesh = std::get_if<Mesh>(&scene.shapes[p.shape].geometry)) {
     p.primitive = std::uint32_t(hash_key(i, 7) % mesh->triangle_count());

@@ -159,7 +159,7 @@ TEST(SweptBounds, HoldEverythingAndLittleMore) {
   GeometryCache cache;
   const RayScene rays(scene, {0.25, 0.75}, kSecond, {.motion_step = kStep}, cache);
   for (std::uint32_t i = 0; i + 1 < scene.instances.size(); ++i) {
-    const auto shape = std::uint32_t(scene.groups[std::size_t(scene.instances[i].group)][0]);
+    const auto shape = std::uint32_t(scene.groups[scene.instances[i].group][0]);
     const bool loose = std::holds_alternative<Mesh>(scene.shapes[shape].geometry) &&
                        !std::get<Mesh>(scene.shapes[shape].geometry).deforms() && scene.instances[i].node >= 0;
     for (const TimeSpan span : {TimeSpan{0.25, 0.75}, {0, 1}, {0.3, 0.31}, {0.4, 0.4}, {0.5, 0.5}, {0.8, 1}}) {
@@ -176,7 +176,7 @@ TEST(SweptBounds, HoldEverythingAndLittleMore) {
   std::vector<Bounds3f> boxes;
   for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
     boxes.push_back(
-        rays.swept_bounds(i, std::uint32_t(scene.groups[std::size_t(scene.instances[i].group)][0]), {0.25, 0.75}));
+        rays.swept_bounds(i, std::uint32_t(scene.groups[scene.instances[i].group][0]), {0.25, 0.75}));
   }
   for (std::uint64_t i = 0; i < 20000; ++i) {
     const Ray ray = random_ray(i, {0.25, 0.75});

@@ -170,7 +170,7 @@ LayerSource from_blender(const BlenderPass& pass, const RawLayer& raw) {
     const auto named =
         std::find_if(raw.channels.begin(), raw.channels.end(), [&](auto& r) { return r.first == c.suffix; });
     const int from = named != raw.channels.end() ? named->second : raw.channels[i].second;
-    if (std::size_t(c.ours) < s.channels.size()) s.channels[std::size_t(c.ours)] = {from, c.value};
+    if (std::size_t(c.ours) < s.channels.size()) s.channels[c.ours] = {from, c.value};
   }
   return s;
 }
@@ -212,7 +212,7 @@ std::vector<AovChannel> blender_channels(const std::vector<LayerDesc>& layers, c
     if (pass == passes.end()) {
       // Its reader splits at the last two dots: <view layer>.<pass>.<channel>.
       for (int c = 0; c < d.channel_count(); ++c) {
-        std::string suffix = d.channels[std::size_t(c)];
+        std::string suffix = d.channels[c];
         if (is_crypto(d.name)) suffix[0] = char(std::tolower(static_cast<unsigned char>(suffix[0])));  // r, g, b, a
         add(underscored(d.name), suffix.empty() ? "X" : suffix, d, c);
       }
@@ -244,13 +244,13 @@ std::vector<AovChannel> aov_channels(const std::vector<LayerDesc>& layers, AovNa
     if (alias) {
       // A layer may hold fewer channels than ours usually has; it never has more of those with a name there.
       const int n = std::min(d.channel_count(), int(alias->channels.size()));
-      for (int c = 0; c < n; ++c) out.push_back({join(alias->theirs, alias->channels[std::size_t(c)]), d.name, c});
+      for (int c = 0; c < n; ++c) out.push_back({join(alias->theirs, alias->channels[c]), d.name, c});
       continue;
     }
     for (int c = 0; c < d.channel_count(); ++c) {
       std::string name = d.channel_name(c);
       if (names == AovNames::kArnold && d.name.starts_with("CryptoObject")) {
-        name = join("crypto_object" + d.name.substr(12), d.channels[std::size_t(c)]);
+        name = join("crypto_object" + d.name.substr(12), d.channels[c]);
       } else if (names == AovNames::kPbrt && d.name == "uv") {
         name = c == 0 ? "u" : "v";
       }
@@ -288,7 +288,7 @@ std::vector<LayerSource> layers_of_channels(const std::vector<std::string>& name
     return raw.emplace_back(RawLayer{name, {}, std::nullopt});
   };
   for (int i = 0; i < int(names.size()); ++i) {
-    const std::string& name = names[std::size_t(i)];
+    const std::string& name = names[i];
     const auto dot = name.rfind('.');
     if (dot != std::string::npos && dot > 0) {
       raw_layer(name.substr(0, dot)).channels.push_back({name.substr(dot + 1), i});

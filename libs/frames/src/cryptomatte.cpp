@@ -113,7 +113,7 @@ void CryptomatteBuffer::write(Frame& frame, const std::vector<std::string>& name
   for (int i = 0; i < layer_count; ++i) {
     LayerDesc desc = layers::crypto(i);
     desc.name = fmt::format("{}{:02d}", layer_name, i);
-    frame.add(std::move(desc), std::move(images[std::size_t(i)]));
+    frame.add(std::move(desc), std::move(images[i]));
   }
   nlohmann::json manifest = nlohmann::json::object();
   for (const std::string& name : names) manifest[name] = fmt::format("{:08x}", cryptomatte_hash(name));

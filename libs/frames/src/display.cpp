@@ -108,9 +108,9 @@ Image resized(const Image& image, int width, int height) {
   parallel_for(
       0, height,
       [&](std::int64_t y) {
-        const Span& r = rows[std::size_t(y)];
+        const Span& r = rows[y];
         for (int x = 0; x < width; ++x) {
-          const Span& c = columns[std::size_t(x)];
+          const Span& c = columns[x];
           float* to = out.pixel(x, int(y));
           for (std::size_t j = 0; j < r.weights.size(); ++j) {
             for (std::size_t i = 0; i < c.weights.size(); ++i) {

@@ -290,7 +290,7 @@ struct OpenFile {
 };
 
 OIIO::TypeDesc channel_format(const OIIO::ImageSpec& spec, int c) {
-  return spec.channelformats.empty() ? spec.format : spec.channelformats[std::size_t(c)];
+  return spec.channelformats.empty() ? spec.format : spec.channelformats[c];
 }
 
 Metadata metadata_of(const OIIO::ImageSpec& spec) {
@@ -369,7 +369,7 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
   }
   std::int64_t channel_count = 0;
   for (const int part : used) {
-    const OIIO::ImageSpec& s = f.parts[std::size_t(part)];
+    const OIIO::ImageSpec& s = f.parts[part];
     channel_count += s.nchannels;
     const double values = double(s.width) * s.height * std::max(1, s.depth) * s.nchannels;
     if (s.width <= 0 || s.height <= 0 || s.nchannels <= 0) throw bad_file(path, "it holds no pixels");
@@ -384,15 +384,15 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
   bool main_part = false;
   for (const int part : used) {
     if (part > 0)
-      main_part = main_part || is_main_part(f.parts[std::size_t(part)].get_string_attribute("oiio:subimagename"));
+      main_part = main_part || is_main_part(f.parts[part].get_string_attribute("oiio:subimagename"));
   }
   std::set<std::string> seen;
   for (const int part : used) {
-    const OIIO::ImageSpec& s = f.parts[std::size_t(part)];
+    const OIIO::ImageSpec& s = f.parts[part];
     const std::string part_name = s.get_string_attribute("oiio:subimagename");
     const bool plain = used.size() == 1 || is_main_part(part_name) || (part == 0 && !main_part);
     for (int c = 0; c < s.nchannels; ++c) {
-      std::string name = s.channelnames[std::size_t(c)];
+      std::string name = s.channelnames[c];
       if (!plain && name.find('.') == std::string::npos) name = part_name + "." + name;
       if (!seen.insert(name).second) {
         name = fmt::format("{}.{}", part_name.empty() ? fmt::format("part{}", part) : part_name, name);
@@ -422,7 +422,7 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
       LayerSource s{d, {}};
       for (const std::string& channel : d.channels) {
         const auto it = std::find(l.desc.channels.begin(), l.desc.channels.end(), channel);
-        if (it != l.desc.channels.end()) s.channels.push_back(l.channels[std::size_t(it - l.desc.channels.begin())]);
+        if (it != l.desc.channels.end()) s.channels.push_back(l.channels[it - l.desc.channels.begin()]);
       }
       if (s.channels.size() != d.channels.size()) continue;
       ordered.push_back(std::move(s));
@@ -437,7 +437,7 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
 
   for (const LayerSource& l : f.layers) {
     const std::string to = crypto_set(l.desc.name);
-    const std::string from = crypto_set(layer_part(f.channels[std::size_t(l.channels[0].channel)].name));
+    const std::string from = crypto_set(layer_part(f.channels[l.channels[0].channel].name));
     if (!to.empty() && !from.empty()) rename_cryptomatte(f.header.metadata, from, to);
   }
   if (!options.layers.empty()) {
@@ -539,8 +539,8 @@ Frame read_frame(const std::string& path, const ReadOptions& options) {
     for (const LayerSource& l : f.layers) {
       Image& image = frame.create(l.desc);
       for (std::size_t c = 0; c < l.channels.size(); ++c) {
-        const FileChannel& from = f.channels[std::size_t(l.channels[c].channel)];
-        const OIIO::ImageSpec& spec = f.parts[std::size_t(from.part)];
+        const FileChannel& from = f.channels[l.channels[c].channel];
+        const OIIO::ImageSpec& spec = f.parts[from.part];
         std::size_t offset = 0;
         for (int i = 0; i < from.index; ++i) offset += channel_format(spec, i).size();
         targets[from.part].push_back({&image, int(c), offset, channel_format(spec, from.index), l.channels[c].value,
@@ -548,7 +548,7 @@ Frame read_frame(const std::string& path, const ReadOptions& options) {
       }
     }
     for (const auto& [part, list] : targets) {
-      const OIIO::ImageSpec& spec = f.parts[std::size_t(part)];
+      const OIIO::ImageSpec& spec = f.parts[part];
       const std::size_t row_bytes = spec.pixel_bytes(true) * std::size_t(spec.width);
       const bool whole = spec.tile_width > 0;  // tiles do not come in strips
       const int step = whole ? spec.height : kStrip;

@@ -38,7 +38,7 @@ std::string_view to_string(LayerRole role) {
 }
 
 std::string LayerDesc::channel_name(int c) const {
-  const std::string& suffix = channels[std::size_t(c)];
+  const std::string& suffix = channels[c];
   if (name == "color") return suffix;  // plain R, G, B, A: what every viewer opens
   return suffix.empty() ? name : name + "." + suffix;
 }

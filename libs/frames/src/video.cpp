@@ -351,7 +351,7 @@ void write_contact_sheet(const FrameSequence& frames, const std::string& path, c
   Image sheet;
   int columns = 0, h = 0;
   for (int i = 0; i < n; ++i) {
-    Frame f = read_frame(frames.path(chosen[std::size_t(i)]), read);
+    Frame f = read_frame(frames.path(chosen[i]), read);
     const Image& picture = f.layer(options.layer);
     if (sheet.empty()) {
       h = std::max(1, int(std::lround(double(picture.height()) * w / picture.width())));
@@ -366,7 +366,7 @@ void write_contact_sheet(const FrameSequence& frames, const std::string& path, c
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) sheet.set_rgb(x0 + x, y0 + y, tone_map(small.rgb(x, y), options.display));
     }
-    draw_number(sheet, x0, y0 + h + 2, chosen[std::size_t(i)], 2);
+    draw_number(sheet, x0, y0 + h + 2, chosen[i], 2);
   }
   write_png(path, sheet, {0, ToneMap::kNone});
 }

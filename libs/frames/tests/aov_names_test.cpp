@@ -130,7 +130,7 @@ TEST_F(AovFile, BlendersConventions) {
   f.layer("color").at(0, 0, 3) = 1;
   const auto set = [&](const LayerDesc& d, std::vector<float> values) {
     Image& image = f.create(d);
-    for (int c = 0; c < d.channel_count(); ++c) image.at(0, 0, c) = values[std::size_t(c)];
+    for (int c = 0; c < d.channel_count(); ++c) image.at(0, 0, c) = values[c];
   };
   set(layers::depth(), {5});
   set(layers::position(), {1, 2, -7});  // 2 up, 7 away along -z: Blender's y axis

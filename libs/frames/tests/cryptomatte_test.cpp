@@ -122,9 +122,9 @@ TEST_F(Cryptomatte, FilesCarryTheManifest) {
   const auto manifest = cryptomatte_manifest(g.metadata);
   EXPECT_EQ(manifest.size(), 4u);
   for (int i = 0; i < 3; ++i) {
-    ASSERT_TRUE(manifest.contains(names[std::size_t(i)]));
-    EXPECT_EQ(manifest.at(names[std::size_t(i)]), cryptomatte_id(names[std::size_t(i)]));
-    EXPECT_EQ(cryptomatte_matte(g, manifest.at(names[std::size_t(i)])).at(0, 0), 0.25f);
+    ASSERT_TRUE(manifest.contains(names[i]));
+    EXPECT_EQ(manifest.at(names[i]), cryptomatte_id(names[i]));
+    EXPECT_EQ(cryptomatte_matte(g, manifest.at(names[i])).at(0, 0), 0.25f);
   }
   EXPECT_EQ(cryptomatte_key("CryptoObject").size(), 7u);
 }

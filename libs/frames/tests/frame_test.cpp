@@ -326,7 +326,7 @@ TEST_F(FrameFile, DataWindowIsPlacedInTheDisplayWindow) {
   spec.full_width = 6, spec.full_height = 5, spec.full_x = 10, spec.full_y = 20;
   spec.x = 12, spec.y = 19;  // one row sticks out at the top
   std::vector<float> data(12);
-  for (int i = 0; i < 12; ++i) data[std::size_t(i)] = float(i + 1);
+  for (int i = 0; i < 12; ++i) data[i] = float(i + 1);
   write_exr(path("f.exr"), spec, {"Y"}, data.data());
   const Frame f = read_frame(path("f.exr"));
   EXPECT_EQ(f.width(), 6);
@@ -350,8 +350,8 @@ TEST_F(FrameFile, ReadsMultiPartFiles) {
   const auto out = OIIO::ImageOutput::create(path("f.exr"));
   ASSERT_TRUE(out->open(path("f.exr"), 3, parts.data()));
   for (int i = 0; i < 3; ++i) {
-    ASSERT_TRUE(i == 0 || out->open(path("f.exr"), parts[std::size_t(i)], OIIO::ImageOutput::AppendSubimage));
-    const std::vector<float> data(8 * names[std::size_t(i)].size(), float(i + 1));
+    ASSERT_TRUE(i == 0 || out->open(path("f.exr"), parts[i], OIIO::ImageOutput::AppendSubimage));
+    const std::vector<float> data(8 * names[i].size(), float(i + 1));
     ASSERT_TRUE(out->write_image(OIIO::TypeDesc::FLOAT, data.data()));
   }
   ASSERT_TRUE(out->close());

@@ -75,7 +75,7 @@ TEST_F(Video, Mp4HasEveryFrameInOrder) {
   const std::vector<int> shown = grays("out/m.mp4", 64, 48);
   ASSERT_EQ(shown.size(), 5u);
   for (int i = 0; i < 5; ++i) {
-    EXPECT_NEAR(shown[std::size_t(i)], 255 * linear_to_srgb(gray(1001 + i)), 3) << i;
+    EXPECT_NEAR(shown[i], 255 * linear_to_srgb(gray(1001 + i)), 3) << i;
   }
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(path("out")), {}), 1) << "nothing temporary stays";
 }
@@ -93,7 +93,7 @@ TEST_F(Video, OddSizesAndOtherContainers) {
   write_video(frames, path("m.mkv"), options);
   EXPECT_EQ(probe("m.mkv", "codec_name,nb_read_frames"), "ffv1,3");
   for (int i = 0; i < 3; ++i) {  // lossless
-    EXPECT_EQ(grays("m.mkv", 34, 18)[std::size_t(i)], int(255 * linear_to_srgb(gray(i + 1)) + 0.5f));
+    EXPECT_EQ(grays("m.mkv", 34, 18)[i], int(255 * linear_to_srgb(gray(i + 1)) + 0.5f));
   }
 }
 

@@ -151,7 +151,7 @@ double periodic(std::span<const Vec2d> keys, double phase) {
   const auto key = [&](std::ptrdiff_t i) {
     const auto m = std::ptrdiff_t(n);
     const std::ptrdiff_t wrapped = ((i % m) + m) % m;
-    return Vec2d{keys[std::size_t(wrapped)].x + double((i - wrapped) / m), keys[std::size_t(wrapped)].y};
+    return Vec2d{keys[wrapped].x + double((i - wrapped) / m), keys[wrapped].y};
   };
   std::ptrdiff_t i = std::ptrdiff_t(n) - 1;
   while (i >= 0 && key(i).x > phase) --i;
@@ -176,7 +176,7 @@ std::array<Polygons, kBodyPartCount> figure_polygons(double cell) {
   for (std::size_t v = 0; v < whole.positions.size(); ++v) {
     const Vec3d p(whole.positions[v]);
     std::array<std::pair<double, int>, kJointCount> near;
-    for (int j = 0; j < kJointCount; ++j) near[std::size_t(j)] = {part(j, p), j};
+    for (int j = 0; j < kJointCount; ++j) near[j] = {part(j, p), j};
     std::sort(near.begin(), near.end());
     double sum = 0;
     std::array<double, 4> w;
@@ -209,7 +209,7 @@ std::array<Polygons, kBodyPartCount> figure_polygons(double cell) {
 
 Quatd Pose::local(Joint joint) const {
   const int parent = kJoints[joint].parent;
-  return parent < 0 ? world[std::size_t(joint)] : inverse_of(world[std::size_t(parent)]) * world[std::size_t(joint)];
+  return parent < 0 ? world[joint] : inverse_of(world[parent]) * world[joint];
 }
 
 Pose Run::at(double seconds) const {
@@ -264,9 +264,9 @@ Pose Run::at(double seconds) const {
     const Vec3d forward = normalize(Vec3d{side * 0.06, 0, 1} - to * dot(Vec3d{side * 0.06, 0, 1}, to));
     const Vec3d knee = hip + to * (a * std::cos(angle)) + forward * (a * std::sin(angle));
     const auto own = [&](const Vec3d& v) { return side > 0 ? v : mirrored(v); };
-    w[std::size_t(thigh)] = from_to(own(kKnee - kHip), knee - hip);
-    w[std::size_t(shin)] = from_to(own(kAnkle - kKnee), ankle - knee);
-    w[std::size_t(foot)] = about_x(periodic(pitch, phase));
+    w[thigh] = from_to(own(kKnee - kHip), knee - hip);
+    w[shin] = from_to(own(kAnkle - kKnee), ankle - knee);
+    w[foot] = about_x(periodic(pitch, phase));
   };
   leg(stride, 1, kThighL, kShinL, kFootL);
   leg(stride + 0.5, -1, kThighR, kShinR, kFootR);
@@ -278,9 +278,9 @@ Pose Run::at(double seconds) const {
     const Vec3d f = turn(w[kChest], normalize(Vec3d{side * (-0.05 - 0.28 * std::max(swing, 0.0)),
                                                     -std::cos(angle + bend), std::sin(angle + bend)}));
     const auto own = [&](const Vec3d& v) { return side > 0 ? v : mirrored(v); };
-    w[std::size_t(upper)] = from_to(own(kElbow - kShoulder), u);
-    w[std::size_t(fore)] = from_to(own(kWrist - kElbow), f);
-    w[std::size_t(hand)] = w[std::size_t(fore)];
+    w[upper] = from_to(own(kElbow - kShoulder), u);
+    w[fore] = from_to(own(kWrist - kElbow), f);
+    w[hand] = w[fore];
   };
   arm(stride + 0.25 + contact, 1, kUpperArmL, kForearmL, kHandL);
   arm(stride + 0.75 + contact, -1, kUpperArmR, kForearmR, kHandR);
@@ -301,7 +301,7 @@ void place_figure(GalleryBuilder& b, const std::string& name, const std::array<i
     const JointInfo& info = kJoints[j];
     const Vec3d from = info.parent < 0 ? Vec3d{} : kJoints[info.parent].position;
     joints.push_back(b.group(name + "_" + info.name, info.position - from, {},
-                             info.parent < 0 ? -1 : joints[std::size_t(info.parent)]));
+                             info.parent < 0 ? -1 : joints[info.parent]));
     inverse_bind.push_back(at(-info.position));
     b.turn(joints.back(), [&](double f) { return pose(f).local(Joint(j)); });
   }

@@ -86,7 +86,7 @@ struct Glb::Data {
   void track(int node, const char* path, std::span<const double> seconds, int output, Interpolation interpolation) {
     if (clip < 0)
       clip = add("animations", {{"name", "motion"}, {"channels", Json::array()}, {"samplers", Json::array()}});
-    Json& animation = doc["animations"][std::size_t(clip)];
+    Json& animation = doc["animations"][clip];
     Json sampler{{"input", times(seconds)}, {"output", output}};
     if (interpolation == Interpolation::kStep) sampler["interpolation"] = "STEP";
     animation["samplers"].push_back(std::move(sampler));
@@ -207,14 +207,14 @@ int Glb::node(const Node& node) {
   if (!(node.scale == Vec3d{1, 1, 1})) n["scale"] = array(node.scale);
   if (node.mesh >= 0) {
     n["mesh"] = node.mesh;
-    d.placed += d.mesh_triangles[std::size_t(node.mesh)];
+    d.placed += d.mesh_triangles[node.mesh];
   }
   if (node.skin >= 0) n["skin"] = node.skin;
   if (node.camera >= 0) n["camera"] = node.camera;
   if (node.light >= 0) n["extensions"]["KHR_lights_punctual"]["light"] = node.light;
   const int index = d.add("nodes", std::move(n));
   if (node.parent >= 0)
-    d.doc["nodes"][std::size_t(node.parent)]["children"].push_back(index);
+    d.doc["nodes"][node.parent]["children"].push_back(index);
   else
     d.doc["scenes"][0]["nodes"].push_back(index);
   return index;

@@ -59,12 +59,12 @@ Polygons polygonize(const Distance& d, const Vec3d& lo, const Vec3d& hi, double 
   parallel_for(
       0, std::int64_t(out.positions.size()),
       [&](std::int64_t v) {
-        Vec3d p(out.positions[std::size_t(v)]);
+        Vec3d p(out.positions[v]);
         const Vec3d start = p;
         for (int step = 0; step < 3; ++step) p -= gradient(p) * d(p);
         if (!is_finite(p) || length(p - start) > cell) p = start;  // at an edge that the cells cannot show
-        out.positions[std::size_t(v)] = Vec3f(p);
-        out.normals[std::size_t(v)] = Vec3f(gradient(p));
+        out.positions[v] = Vec3f(p);
+        out.normals[v] = Vec3f(gradient(p));
       },
       256);
 

@@ -182,7 +182,7 @@ double text_coverage(std::string_view text, double x, double y) {
   const auto letter =
       std::find_if(std::begin(kLetters), std::end(kLetters), [&](const Letter& l) { return l.name == text[index]; });
   if (letter == std::end(kLetters)) return 0;
-  return letter->rows[std::size_t(row)] >> (4 - column) & 1;
+  return letter->rows[row] >> (4 - column) & 1;
 }
 
 int checker(double u, double v) { return int(std::int64_t(std::floor(u)) + std::int64_t(std::floor(v))) & 1; }

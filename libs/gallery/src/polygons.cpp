@@ -139,22 +139,22 @@ Polygons lathe(std::span<const Vec2d> profile, int segments, double crease) {
   std::vector<Vec2d> side;  // normal of each piece of the profile
   std::vector<double> arc{0};
   for (int k = 0; k + 1 < n; ++k) {
-    side.push_back(normal_of(profile[std::size_t(k)], profile[std::size_t(k) + 1]));
-    arc.push_back(arc.back() + length(profile[std::size_t(k) + 1] - profile[std::size_t(k)]));
+    side.push_back(normal_of(profile[k], profile[std::size_t(k) + 1]));
+    arc.push_back(arc.back() + length(profile[std::size_t(k) + 1] - profile[k]));
   }
   const bool closed = length(profile.front() - profile.back()) < 1e-9;
   const auto ring = [&](int k, int piece) -> Ring {  // the ring of point k as a corner of `piece`
-    const Vec2d own = side[std::size_t(piece)];
+    const Vec2d own = side[piece];
     int other = piece == k ? k - 1 : k;
     if (closed && other < 0) other = n - 2;
     if (closed && other == n - 1) other = 0;
     Vec2d normal = own;
     if (other >= 0 && other < n - 1) {
-      if (dot(own, side[std::size_t(other)]) >= sharp) normal = unit(own + side[std::size_t(other)]);
-    } else if (profile[std::size_t(k)].x < 1e-9 && std::abs(own.y) >= sharp) {
+      if (dot(own, side[other]) >= sharp) normal = unit(own + side[other]);
+    } else if (profile[k].x < 1e-9 && std::abs(own.y) >= sharp) {
       normal = {0, own.y > 0 ? 1.0 : -1.0};  // a smooth pole
     }
-    return {profile[std::size_t(k)], normal, 1 - arc[std::size_t(k)] / arc.back()};
+    return {profile[k], normal, 1 - arc[k] / arc.back()};
   };
 
   Polygons out;
@@ -333,8 +333,8 @@ Polygons rounded_box(const Vec3d& size, double radius, int steps, double uv_scal
     const double w = extent(inner, f.u), h = extent(inner, f.up), d = extent(inner, f.normal);
     for (int j = 0; j < n; ++j) {
       for (int i = 0; i < n; ++i) {
-        const auto [su, tu] = line[std::size_t(i)];
-        const auto [sv, tv] = line[std::size_t(j)];
+        const auto [su, tu] = line[i];
+        const auto [sv, tv] = line[j];
         const Vec3d normal = normalize(f.normal + f.u * tu + f.up * tv);
         const Vec3d p = f.normal * d + f.u * (su * w) + f.up * (sv * h) + normal * radius;
         out.vertex(p, normal, {(dot(p, f.u) + w + radius) * uv_scale, (h + radius - dot(p, f.up)) * uv_scale});

@@ -62,7 +62,7 @@ FileContents InputFiles::read(const std::filesystem::path& file, const SourceLoc
   if (limit_ != 0 && size > limit_)
     throw Error(ErrorCode::kOutOfMemory, loc,
                 fmt::format("\"{}\" has {} bytes, beyond the memory limit of {}", file.string(), size, limit_));
-  std::unique_ptr<char[]> bytes(new char[std::size_t(size)]);  // not zeroed
+  std::unique_ptr<char[]> bytes(new char[size]);  // not zeroed
   in.read(bytes.get(), std::streamsize(size));
   if (std::uint64_t(in.gcount()) != size)
     throw Error(ErrorCode::kMissingFile, loc, fmt::format("cannot read all of \"{}\"", file.string()));

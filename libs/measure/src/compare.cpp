@@ -427,7 +427,7 @@ class Comparison {
         if (new_reference) now_ = load_reference(frame);
         return;
       }
-      Run& r = *active_[std::size_t(i)];
+      Run& r = *active_[i];
       ReadOptions read{{options_.layer}};
       if (uses_test_motion_) read.layers.push_back(layers::motion_backward().name);
       Frame f = read_frame(r.sequence->path(frame), read);

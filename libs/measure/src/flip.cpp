@@ -190,7 +190,7 @@ void filter_rows(const Filters& f, const RowSource& source, int width, int heigh
 void filter_column(const Taps& taps, const Planes& planes, int plane, int y, int width, int height, float* out) {
   const int radius = int(taps.size() / 2);
   for (int i = -radius; i <= radius; ++i) {
-    const float t = taps[std::size_t(i + radius)];
+    const float t = taps[i + radius];
     const float* from = planes.row(plane, std::clamp(y + i, 0, height - 1));
     for (int x = 0; x < width; ++x) out[x] += t * from[x];
   }

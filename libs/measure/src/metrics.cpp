@@ -75,7 +75,7 @@ double encoded_mse(const Image& test, const Image& reference) {
         const float *t = test.row(int(y)), *r = reference.row(int(y));
         double sum = 0;
         for (int i = 0; i < values; ++i) sum += square(double(t[i]) - double(r[i]));
-        rows[std::size_t(y)] = sum;
+        rows[y] = sum;
       },
       kRowGrain);
   double sum = 0;
@@ -101,7 +101,7 @@ double encoded_ssim(const Image& test, const Image& reference) {
   double total = 0;
   for (int i = 0; i < kTaps; ++i) total += std::exp(-square(i - kRadius) / (2 * 1.5 * 1.5));
   for (int i = 0; i < kTaps; ++i) {
-    taps[std::size_t(i)] = float(std::exp(-square(i - kRadius) / (2 * 1.5 * 1.5)) / total);
+    taps[i] = float(std::exp(-square(i - kRadius) / (2 * 1.5 * 1.5)) / total);
   }
   std::vector<double> rows(std::size_t(h - 2 * kRadius));
   parallel_for(
@@ -114,8 +114,8 @@ double encoded_ssim(const Image& test, const Image& reference) {
         buffer.assign(std::size_t(w) * kSums + std::size_t(inner) * kSums, 0.0f);
         std::array<float*, kSums> column{}, window{};
         for (int s = 0; s < kSums; ++s) {
-          column[std::size_t(s)] = buffer.data() + std::size_t(s) * std::size_t(w);
-          window[std::size_t(s)] = buffer.data() + std::size_t(w) * kSums + std::size_t(s) * std::size_t(inner);
+          column[s] = buffer.data() + std::size_t(s) * std::size_t(w);
+          window[s] = buffer.data() + std::size_t(w) * kSums + std::size_t(s) * std::size_t(inner);
         }
         const auto add_row = [w](float tap, const float* __restrict t, const float* __restrict r, float* __restrict m0,
                                  float* __restrict m1, float* __restrict m2, float* __restrict m3,
@@ -126,13 +126,13 @@ double encoded_ssim(const Image& test, const Image& reference) {
           }
         };
         for (int i = -kRadius; i <= kRadius; ++i) {
-          add_row(taps[std::size_t(i + kRadius)], test.row(int(y) + i), reference.row(int(y) + i), column[0], column[1],
+          add_row(taps[i + kRadius], test.row(int(y) + i), reference.row(int(y) + i), column[0], column[1],
                   column[2], column[3], column[4]);
         }
         for (std::size_t s = 0; s < kSums; ++s) {
           float* const out = window[s];
           for (int i = 0; i < kTaps; ++i) {
-            const float tap = taps[std::size_t(i)];
+            const float tap = taps[i];
             const float* const from = column[s] + i;
             for (int x = 0; x < inner; ++x) out[x] += tap * from[x];
           }
@@ -146,7 +146,7 @@ double encoded_ssim(const Image& test, const Image& reference) {
           const float means = 1 - (a - b) * (a - b) / (mean_t * mean_t + mean_r * mean_r + kC1);
           sum += double(means * (1 - (var_t + var_r - 2 * covariance) / (var_t + var_r + kC2)));
         }
-        rows[std::size_t(y - kRadius)] = sum;
+        rows[y - kRadius] = sum;
       },
       kRowGrain);
   double sum = 0;
@@ -177,7 +177,7 @@ std::int64_t count_non_finite(const Image& image) {
   parallel_for(
       0, image.height(),
       [&](std::int64_t y) {
-        for (int x = 0; x < image.width(); ++x) rows[std::size_t(y)] += !is_finite(image.rgb(x, int(y)));
+        for (int x = 0; x < image.width(); ++x) rows[y] += !is_finite(image.rgb(x, int(y)));
       },
       kRowGrain);
   std::int64_t count = 0;

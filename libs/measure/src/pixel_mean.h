@@ -50,7 +50,7 @@ PixelMean mean_over_pixels(int width, int height, Image* map, double trim, F&& v
           row.sum += v;
           ++row.count;
         }
-        rows[std::size_t(y)] = row;
+        rows[y] = row;
       },
       kRowGrain);
   Row total;
@@ -64,7 +64,7 @@ PixelMean mean_over_pixels(int width, int height, Image* map, double trim, F&& v
     const std::int64_t kept = total.count - dropped;
     std::nth_element(counted.begin(), counted.begin() + (kept - 1), counted.end());
     total = {};
-    for (std::int64_t i = 0; i < kept; ++i) total.sum += double(counted[std::size_t(i)]);
+    for (std::int64_t i = 0; i < kept; ++i) total.sum += double(counted[i]);
     total.count = kept;
   }
   mean.value = total.sum / double(total.count);

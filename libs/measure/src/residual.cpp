@@ -133,7 +133,7 @@ void SegmentRecord<Stored>::add_to(PowerSums& sums) const {
     thread_local std::vector<float> series;
     series.assign(std::size_t(n) * std::size_t(kBlock), 0.0f);
     // Pixels without a residual in some frame are all 0 and do not count.
-    Block& part = parts[std::size_t(block)];
+    Block& part = parts[block];
     for (std::size_t i = 0; i < count; ++i) {
       bool finite = true;
       for (int t = 0; t < n; ++t) finite &= std::isfinite(restored(values_[std::size_t(t) * pixels + begin + i]));

@@ -37,7 +37,7 @@ BiasVariance bias_and_variance(std::span<const Image* const> runs, const Image& 
   parallel_for(
       0, reference.height(),
       [&](std::int64_t y) {
-        Sums& row = rows[std::size_t(y)];
+        Sums& row = rows[y];
         std::vector<Rgb> errors(count);
         for (int x = 0; x < reference.width(); ++x) {
           const Rgb r = reference.rgb(x, int(y));

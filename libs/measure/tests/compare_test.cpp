@@ -374,7 +374,7 @@ TEST_F(Compare, PsnrOfASequenceIsThatOfItsMeanError) {
   double sum = 0;
   for (int f = 1; f <= 3; ++f) {
     const double d = linear_to_srgb(0.25f * float(f));
-    EXPECT_NEAR(r.sides[0].find("psnr")->values[std::size_t(f - 1)], -20 * std::log10(d), 1e-3);
+    EXPECT_NEAR(r.sides[0].find("psnr")->values[f - 1], -20 * std::log10(d), 1e-3);
     sum += d * d / 3;
   }
   EXPECT_NEAR(r.sides[0].find("psnr")->mean.mean, -10 * std::log10(sum), 1e-3);

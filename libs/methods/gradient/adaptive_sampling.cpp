@@ -100,7 +100,7 @@ std::vector<int> next_batch(const AdaptiveOptions& options, const std::vector<Pi
   const std::vector<float> error = filtered(width, height, [&](int x, int y) {
     std::array<float, 25> values;
     for (int v = -kRadius, k = 0; v <= kRadius; ++v) {
-      for (int u = -kRadius; u <= kRadius; ++u) values[std::size_t(k++)] = relative[index(x + u, y + v)];
+      for (int u = -kRadius; u <= kRadius; ++u) values[k++] = relative[index(x + u, y + v)];
     }
     std::nth_element(values.begin(), values.begin() + 12, values.end());
     return values[12];

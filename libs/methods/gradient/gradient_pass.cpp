@@ -121,7 +121,7 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
       if (even) p.even_sums[j] += g;
       p.squares[j] += g * g;
     }
-    if (!rare_.empty()) add_rare(rare_[std::size_t(&p - pixels_.data())], r, shifts, camera.weight, even);
+    if (!rare_.empty()) add_rare(rare_[&p - pixels_.data()], r, shifts, camera.weight, even);
   }
   counters.samples += std::uint64_t(count);
   counters.rays += rays;

@@ -167,7 +167,7 @@ void store_rare(const RarePixel& pixel, int count, const std::string& prefix, in
   for (const Rgb& c : pixel.differences) put(c * (1 / float(std::max(count, 1))), p), p += 3;
   for (int k = 0; k < 2; ++k) {
     if (!out.has(light_name(prefix, k))) continue;
-    const RareLight& light = pixel.estimates[std::size_t(k)];
+    const RareLight& light = pixel.estimates[k];
     p = out.layer(light_name(prefix, k)).pixel(x, y);
     put(light.sum * (1 / float(std::max(light.count, 1))), p + kMean);
     put(light.first, p + kFirst), put(light.second, p + kSecond);

@@ -20,7 +20,7 @@ std::vector<std::int64_t> tile_order(const std::vector<Tile>& tiles) {
   std::vector<std::int64_t> order(tiles.size());
   for (std::size_t i = 0; i < order.size(); ++i) order[i] = std::int64_t(i);
   const auto key = [&](std::int64_t i) {
-    const Tile& t = tiles[std::size_t(i)];
+    const Tile& t = tiles[i];
     const double x = 0.5 * (t.x0 + t.x1 - width) / size, y = 0.5 * (t.y0 + t.y1 - height) / size;
     return std::pair(std::lround(std::max(std::abs(x), std::abs(y))), std::atan2(y, x));
   };
@@ -40,12 +40,12 @@ std::vector<Unit> missing_units(const Section& section, int first, int last, con
   for (std::int64_t f = 0; f < std::int64_t(section.frames().size()); ++f) {
     for (const std::int64_t t : order) {
       for (int p = first; p < last; ++p) {
-        if (section.passes()[std::size_t(p)].domain == Domain::kTiles) add(p, f * tiles + t);
+        if (section.passes()[p].domain == Domain::kTiles) add(p, f * tiles + t);
       }
     }
   }
   for (int p = first; p < last; ++p) {
-    if (section.passes()[std::size_t(p)].domain != Domain::kPaths) continue;
+    if (section.passes()[p].domain != Domain::kPaths) continue;
     for (std::int64_t i = 0; i < section.units(p); ++i) add(p, i);
   }
   return result;
@@ -74,7 +74,7 @@ class SectionRender {
     }
     for (int first = section_.ended(); first < count;) {
       int last = first + 1;
-      while (last < count && !section_.passes()[std::size_t(last)].waits) ++last;
+      while (last < count && !section_.passes()[last].waits) ++last;
       if (!run_passes(first, last)) return false;
       if (last < count) {
         bool all = true;
@@ -93,7 +93,7 @@ class SectionRender {
     const std::vector<Unit> units = missing_units(section_, first, last, part_);
     if (units.empty()) return !stop_.stop_requested();
     for (int p = first; p < last; ++p) {
-      const PassDesc& pass = section_.passes()[std::size_t(p)];
+      const PassDesc& pass = section_.passes()[p];
       if (pass.domain == Domain::kPaths) {
         for (int f = section_.range().first; f <= section_.range().last; ++f) window_.frame(f);
       } else {
@@ -114,7 +114,7 @@ class SectionRender {
 
   /// Returns false if it was stopped: it may be incomplete, and counts for nothing.
   bool run_unit(const Unit& unit) {
-    const bool tiled = section_.passes()[std::size_t(unit.pass)].domain == Domain::kTiles;
+    const bool tiled = section_.passes()[unit.pass].domain == Domain::kTiles;
     UnitOutput out;
     out.frames_ = section_.frames();
     std::shared_ptr<const Bytes> kept;

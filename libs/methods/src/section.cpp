@@ -80,16 +80,16 @@ std::int64_t Section::units_done() const {
 }
 
 bool Section::is_done(int pass) const {
-  const std::vector<char>& done = done_[std::size_t(pass)];
+  const std::vector<char>& done = done_[pass];
   return std::find(done.begin(), done.end(), 0) == done.end();
 }
 
 Unit Section::unit(int pass, std::int64_t number) const {
   Unit u{.pass = pass, .number = number};
-  if (passes_[std::size_t(pass)].domain != PassDesc::Domain::kTiles) return u;
+  if (passes_[pass].domain != PassDesc::Domain::kTiles) return u;
   const auto tiles = std::int64_t(tiles_.size());
-  const Tile& t = tiles_[std::size_t(number % tiles)];
-  u.frame = frames_[std::size_t(number / tiles)];
+  const Tile& t = tiles_[number % tiles];
+  u.frame = frames_[number / tiles];
   u.tile = {t.x0 + origin_.x, t.y0 + origin_.y, t.x1 + origin_.x, t.y1 + origin_.y};
   return u;
 }
@@ -116,11 +116,11 @@ void Section::commit(const Unit& unit, std::span<const UnitOutput::Splat> splats
   }
   const std::scoped_lock lock(mutex_);
   // Of passes that run side by side the first keeps: what waits for them follows it.
-  if (!kept.empty() || (slot(unit) < kept_.size() && passes_[std::size_t(unit.pass)].waits)) {
-    if (kept_.size() <= slot(unit)) kept_.resize(done_[std::size_t(unit.pass)].size());
+  if (!kept.empty() || (slot(unit) < kept_.size() && passes_[unit.pass].waits)) {
+    if (kept_.size() <= slot(unit)) kept_.resize(done_[unit.pass].size());
     kept_[slot(unit)] = kept.empty() ? nullptr : std::make_shared<const Bytes>(std::move(kept));
   }
-  done_[std::size_t(unit.pass)][std::size_t(unit.number)] = 1;
+  done_[unit.pass][unit.number] = 1;
   totals_ += totals;
 }
 
@@ -129,7 +129,7 @@ void Section::end_passes(int ended, Bytes state) {
   ended_ = ended;
   state_ = std::move(state);
   // Light paths have been worked into the state; tiles go on from what they kept.
-  if (passes_[std::size_t(ended - 1)].domain == PassDesc::Domain::kPaths) kept_.clear();
+  if (passes_[ended - 1].domain == PassDesc::Domain::kPaths) kept_.clear();
 }
 
 void Section::finish(const Method& method) {

@@ -48,7 +48,7 @@ TEST(Jumps, EachPoseHasItsShareOfTheExposure) {
 TEST(Jumps, TheCameraDoesNotFly) {
   Jumping shot;
   shot.glow(AnimatedTransform{});
-  Node& camera = shot.scene.nodes[std::size_t(shot.scene.cameras[0].node)];
+  Node& camera = shot.scene.nodes[shot.scene.cameras[0].node];
   camera.local.keyed = true;
   const Affine3d pose = camera.local.matrix;
   camera.local.rotation = axis_angle(Vec3d{0, 1, 0}, kPiD);
@@ -86,7 +86,7 @@ TEST(Jumps, WhatLightsAtAnyTimeOfTheExposureIsSampled) {
       if (kind == 0) {
         lamp.emission->radiance = Slot(Animated<Rgb>({0, 0.2, 0.9}, {Rgb(10), Rgb(0), Rgb(10)}, Interpolation::kStep));
       } else {
-        shot.scene.nodes[std::size_t(place)].visibility = on;
+        shot.scene.nodes[place].visibility = on;
       }
       shot.scene.instances.back().camera_visible = false;
       irradiance = kPiD * 10 * 0.01 / 4;

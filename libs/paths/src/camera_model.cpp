@@ -22,7 +22,7 @@ constexpr double kMaxKnots = 1e6;
 CameraModel::CameraModel(const Scene& scene, int index, int width, int height, TimeSpan span, double motion_step)
     : size_(width, height) {
   TEMPERA_ASSERT(index >= 0 && index < int(scene.cameras.size()) && width > 0 && height > 0 && motion_step > 0);
-  const Camera& camera = scene.cameras[std::size_t(index)];
+  const Camera& camera = scene.cameras[index];
   perspective_ = camera.projection == Projection::kPerspective;
   offset_ = Vec2d(camera.principal_offset);
   near_ = camera.near_clip, far_ = camera.far_clip;
@@ -65,8 +65,8 @@ CameraModel::CameraModel(const Scene& scene, int index, int width, int height, T
 }
 
 void camera_jumps(const Scene& scene, const Camera& camera, TimeSpan span, std::vector<double>& out) {
-  for (int node = camera.node; node >= 0; node = scene.nodes[std::size_t(node)].parent) {
-    scene.nodes[std::size_t(node)].local.jumps(span, out);
+  for (int node = camera.node; node >= 0; node = scene.nodes[node].parent) {
+    scene.nodes[node].local.jumps(span, out);
   }
   if (camera.projection == Projection::kPerspective) {
     camera.fov_x.jumps(span, out);

@@ -99,7 +99,7 @@ class Parser {
     states_.push_back(s);
     return int(states_.size()) - 1;
   }
-  NfaState& state(int i) { return states_[std::size_t(i)]; }
+  NfaState& state(int i) { return states_[i]; }
   void link(int from, int to) {
     auto& empty = state(from).empty;
     empty[empty[0] < 0 ? 0 : 1] = to;
@@ -261,9 +261,9 @@ class Parser {
     while (!from.empty()) {
       const int i = from.back();
       from.pop_back();
-      if (i < 0 || seen[std::size_t(i)]) continue;
-      seen[std::size_t(i)] = true;
-      const NfaState& s = states_[std::size_t(i)];
+      if (i < 0 || seen[i]) continue;
+      seen[i] = true;
+      const NfaState& s = states_[i];
       from.insert(from.end(), s.empty.begin(), s.empty.end());
       if (by_letters) from.push_back(s.next);
     }
@@ -280,7 +280,7 @@ class Parser {
     };
     std::vector<int> after_eye;
     const std::vector<bool> first = reachable({f.start}, false);
-    if (first[std::size_t(f.accept)]) note(0, "expected E at the beginning of every path, but this can be empty");
+    if (first[f.accept]) note(0, "expected E at the beginning of every path, but this can be empty");
     for (std::size_t i = 0; i < states_.size(); ++i) {
       if (!first[i] || !states_[i].letters) continue;
       if (states_[i].letters != kEye) note(std::size_t(states_[i].column), "expected E: every path begins with it");
@@ -327,7 +327,7 @@ std::size_t close(const std::vector<NfaState>& nfa, StateSet& set, std::vector<i
     from.pop_back();
     if (i < 0 || contains(set, i)) continue;
     insert(set, i);
-    const auto& empty = nfa[std::size_t(i)].empty;
+    const auto& empty = nfa[i].empty;
     from.insert(from.end(), empty.begin(), empty.end());
   }
   return steps;
@@ -344,7 +344,7 @@ Dfa determinize(const std::vector<NfaState>& nfa, const std::vector<Fragment>& e
   const StateSet none((nfa.size() + 63) / 64);
   // Classes of a path that ends here: L may be written or implied.
   std::vector<std::uint32_t> ends(nfa.size());
-  for (std::size_t e = 0; e < expressions.size(); ++e) ends[std::size_t(expressions[e].accept)] |= 1u << e;
+  for (std::size_t e = 0; e < expressions.size(); ++e) ends[expressions[e].accept] |= 1u << e;
   const std::vector<std::uint32_t> implied = ends;
   std::vector<int> open;
   for (std::size_t i = 0; i < nfa.size(); ++i) {
@@ -352,7 +352,7 @@ Dfa determinize(const std::vector<NfaState>& nfa, const std::vector<Fragment>& e
     StateSet after = none;
     open.push_back(nfa[i].next);
     close(nfa, after, open);
-    for_each(after, [&](int j) { ends[i] |= implied[std::size_t(j)]; });
+    for_each(after, [&](int j) { ends[i] |= implied[j]; });
   }
 
   Dfa dfa;
@@ -368,7 +368,7 @@ Dfa determinize(const std::vector<NfaState>& nfa, const std::vector<Fragment>& e
       }
       sets.push_back(&it->first);
       std::uint32_t accept = 0;
-      for_each(it->first, [&](int i) { accept |= ends[std::size_t(i)]; });
+      for_each(it->first, [&](int i) { accept |= ends[i]; });
       dfa.accept.push_back(accept);
       dfa.next.emplace_back();
     }
@@ -376,7 +376,7 @@ Dfa determinize(const std::vector<NfaState>& nfa, const std::vector<Fragment>& e
   };
   const auto step = [&](const StateSet& set, std::uint8_t letter) {
     for_each(set, [&](int i) {
-      if (nfa[std::size_t(i)].letters & letter) open.push_back(nfa[std::size_t(i)].next);
+      if (nfa[i].letters & letter) open.push_back(nfa[i].next);
     });
     StateSet after = none;
     steps += set.size() + open.size() + close(nfa, after, open);
@@ -389,7 +389,7 @@ Dfa determinize(const std::vector<NfaState>& nfa, const std::vector<Fragment>& e
   for (std::size_t s = 0; s < sets.size(); ++s) {
     for (int c = 0; c < kColumns; ++c) {
       const int target = number(step(*sets[s], std::uint8_t(1u << c)));
-      dfa.next[s][std::size_t(c)] = target;
+      dfa.next[s][c] = target;
     }
   }
   return dfa;
@@ -406,17 +406,17 @@ std::vector<int> equivalent_states(const Dfa& dfa) {
     for (const auto& row : dfa.next) ++offset[c][std::size_t(row[c]) + 1];
     for (std::size_t i = 0; i < std::size_t(n); ++i) offset[c][i + 1] += offset[c][i];
     std::vector<int> fill(offset[c].begin(), offset[c].end() - 1);
-    for (int s = 0; s < n; ++s) source[c][std::size_t(fill[std::size_t(dfa.next[std::size_t(s)][c])]++)] = s;
+    for (int s = 0; s < n; ++s) source[c][fill[dfa.next[s][c]]++] = s;
   }
   // Blocks are sets of states; at the start, one for each set of classes.
   std::vector<int> block_of(static_cast<std::size_t>(n));
   std::vector<std::vector<int>> blocks;
   std::map<std::uint32_t, int> by_accept;
   for (int s = 0; s < n; ++s) {
-    const auto [it, added] = by_accept.try_emplace(dfa.accept[std::size_t(s)], int(blocks.size()));
+    const auto [it, added] = by_accept.try_emplace(dfa.accept[s], int(blocks.size()));
     if (added) blocks.emplace_back();
-    block_of[std::size_t(s)] = it->second;
-    blocks[std::size_t(it->second)].push_back(s);
+    block_of[s] = it->second;
+    blocks[it->second].push_back(s);
   }
   struct Splitter {
     int block, column;
@@ -425,7 +425,7 @@ std::vector<int> equivalent_states(const Dfa& dfa) {
   std::vector<std::array<bool, kColumns>> waiting;
   const auto wait = [&](int block, int column) {
     waiting.resize(blocks.size());
-    waiting[std::size_t(block)][std::size_t(column)] = true;
+    waiting[block][column] = true;
     work.push_back({block, column});
   };
   for (int b = 0; b < int(blocks.size()); ++b) {
@@ -436,28 +436,28 @@ std::vector<int> equivalent_states(const Dfa& dfa) {
     const auto [splitter, column] = work.back();
     work.pop_back();
     const std::size_t c = std::size_t(column);
-    waiting[std::size_t(splitter)][c] = false;
+    waiting[splitter][c] = false;
     std::vector<int> touched;
     hit.resize(blocks.size());
-    for (const int s : blocks[std::size_t(splitter)]) {
-      for (int k = offset[c][std::size_t(s)]; k < offset[c][std::size_t(s) + 1]; ++k) {
-        const int p = source[c][std::size_t(k)], b = block_of[std::size_t(p)];
-        if (hit[std::size_t(b)].empty()) touched.push_back(b);
-        hit[std::size_t(b)].push_back(p);
+    for (const int s : blocks[splitter]) {
+      for (int k = offset[c][s]; k < offset[c][std::size_t(s) + 1]; ++k) {
+        const int p = source[c][k], b = block_of[p];
+        if (hit[b].empty()) touched.push_back(b);
+        hit[b].push_back(p);
       }
     }
     for (const int b : touched) {
-      std::vector<int> moved = std::move(hit[std::size_t(b)]);
-      hit[std::size_t(b)].clear();
-      auto& block = blocks[std::size_t(b)];
+      std::vector<int> moved = std::move(hit[b]);
+      hit[b].clear();
+      auto& block = blocks[b];
       if (moved.size() == block.size()) continue;
       const int fresh = int(blocks.size());
-      for (const int s : moved) block_of[std::size_t(s)] = fresh;
-      std::erase_if(block, [&](int s) { return block_of[std::size_t(s)] == fresh; });
+      for (const int s : moved) block_of[s] = fresh;
+      std::erase_if(block, [&](int s) { return block_of[s] == fresh; });
       blocks.push_back(std::move(moved));
       for (int d = 0; d < kColumns; ++d) {
-        const auto& old = blocks[std::size_t(b)];
-        const bool old_waits = waiting[std::size_t(b)][std::size_t(d)];
+        const auto& old = blocks[b];
+        const bool old_waits = waiting[b][d];
         wait(old_waits || blocks.back().size() <= old.size() ? fresh : b, d);
       }
     }
@@ -482,7 +482,7 @@ LightPathClassifier::LightPathClassifier(const std::vector<std::string>& express
   // Number the blocks in the order in which a search from the start meets them, so that the table is canonical.
   std::vector<int> number(dfa.next.size(), -1), representative;
   const auto visit = [&](int s) {
-    int& n = number[std::size_t(block_of[std::size_t(s)])];
+    int& n = number[block_of[s]];
     if (n < 0) {
       n = int(representative.size());
       representative.push_back(s);

@@ -96,8 +96,8 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
     const Instance& instance = scene.instances[i];
     if (!scene.visible(instance.node, s.reference_time)) continue;
     const bool moving = !s.place(instance.node).fixed;
-    for (const int shape_index : scene.groups[std::size_t(instance.group)]) {
-      const Shape& shape = scene.shapes[std::size_t(shape_index)];
+    for (const int shape_index : scene.groups[instance.group]) {
+      const Shape& shape = scene.shapes[shape_index];
       if (!shape.emission) continue;
       const Slot& emitted = shape.emission->radiance;
       const float radiance =
@@ -188,11 +188,11 @@ LightSampler::LightSampler(const Scene& scene, const RayScene& rays) : impl_(std
             v += (j == 0 ? 0.5f : 0.25f) *
                  (0.25f * lum(x - 1, y + j) + 0.5f * lum(x, y + j) + 0.25f * lum(x + 1, y + j));
           }
-          weights[std::size_t(x)] = v;
+          weights[x] = v;
           row += v;
         }
         e.columns.emplace_back(weights);
-        row_sums[std::size_t(y)] = float(row) * sin_theta;
+        row_sums[y] = float(row) * sin_theta;
         sum += row * sin_theta;
         norm += double(w) * sin_theta;
       }

@@ -70,12 +70,12 @@ struct PixelFilter::Table {
       const double h = 2.0 / kBins, a = -1 + i * h;
       const double mass = (profile(kind, a) + 4 * profile(kind, a + h / 2) + profile(kind, a + h)) * h / 6;
       total += mass;
-      sum[std::size_t(i) + 1] = sum[std::size_t(i)] + std::abs(mass);
+      sum[std::size_t(i) + 1] = sum[i] + std::abs(mass);
     }
-    for (int i = 0; i <= kBins; ++i) cdf[std::size_t(i)] = float(sum[std::size_t(i)] / sum.back());
+    for (int i = 0; i <= kBins; ++i) cdf[i] = float(sum[i] / sum.back());
     for (int i = 0, bin = 0; i < kBins; ++i) {
       while (cdf[std::size_t(bin) + 1] <= float(i) * (0.999999f / kBins)) ++bin;  // rounding must not skip one
-      first_bin[std::size_t(i)] = std::uint16_t(bin);
+      first_bin[i] = std::uint16_t(bin);
     }
     scale = float(sum.back() / total);
     integral = total;
@@ -83,7 +83,7 @@ struct PixelFilter::Table {
 
   /// Inverse of the distribution at u in [0,1).
   float invert(float u) const {
-    std::size_t bin = first_bin[std::size_t(u * kBins)];
+    std::size_t bin = first_bin[int(u * kBins)];
     while (cdf[bin + 1] <= u) ++bin;  // cdf ends with 1 > u
     const float s = (u - cdf[bin]) / (cdf[bin + 1] - cdf[bin]);
     return std::min((float(bin) + s) * (2.0f / kBins) - 1, 1.0f);

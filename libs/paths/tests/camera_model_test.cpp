@@ -356,8 +356,8 @@ TEST(Importance, OfSurfacePointsMakesTheImageOfRays) {
         for (int x = 0; x < kX; ++x) {
           const double add =
               value * double(filter.density({seen->pixel.x - float(x) - 0.5f, seen->pixel.y - float(y) - 0.5f}));
-          light_image[std::size_t(y * kX + x)] += add / points;
-          light_squares[std::size_t(y * kX + x)] += add * add / points;
+          light_image[y * kX + x] += add / points;
+          light_squares[y * kX + x] += add * add / points;
         }
       }
     }

@@ -53,11 +53,11 @@ Parts estimate(const Shot& shot, const Scene& scene) {
   const double step = s.clock.frame_duration() / shot.motion_segments;
   const double knots = std::ceil(exposure.length() / step) + 2;
   std::vector<int> uses(scene.groups.size(), 0);
-  for (const Instance& i : scene.instances) ++uses[std::size_t(i.group)];
+  for (const Instance& i : scene.instances) ++uses[i.group];
   Parts p;
   for (std::size_t g = 0; g < scene.groups.size(); ++g) {
     for (const int shape : scene.groups[g]) {
-      const auto* mesh = std::get_if<Mesh>(&scene.shapes[std::size_t(shape)].geometry);
+      const auto* mesh = std::get_if<Mesh>(&scene.shapes[shape].geometry);
       if (!mesh) continue;
       const double triangles = double(mesh->triangle_count()), vertices = double(mesh->positions.size());
       const double per_vertex = sizeof(Vec3f) * (mesh->normals.empty() ? 1 : 2);

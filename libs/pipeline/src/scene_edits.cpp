@@ -285,7 +285,7 @@ std::string edit_cameras(const ShotConfig& config, const RenderSettings& setting
       if (found < 0 && scene.cameras[i].name == name) found = int(i);
     }
     if (found < 0) throw unknown(values, "camera", name, names);
-    edit_camera(values, settings, scene, scene.cameras[std::size_t(found)]);
+    edit_camera(values, settings, scene, scene.cameras[found]);
     edits += fmt::format("camera:{}.{};", found, values.canonical());
   }
   Values own(camera_params());
@@ -293,7 +293,7 @@ std::string edit_cameras(const ShotConfig& config, const RenderSettings& setting
     if (const ShotValue* v = config.find("camera." + s.name)) own.set(s.name, *v);
   }
   if (own.locs.empty()) return edits;
-  edit_camera(own, settings, scene, scene.cameras[std::size_t(settings.camera)]);
+  edit_camera(own, settings, scene, scene.cameras[settings.camera]);
   return edits + fmt::format("camera:{};", own.canonical());
 }
 
@@ -325,9 +325,9 @@ std::span<const ParamSpec> light_params() {
 namespace {
 
 bool emits(const Scene& scene, const Instance& instance) {
-  const auto& group = scene.groups[std::size_t(instance.group)];
+  const auto& group = scene.groups[instance.group];
   return std::any_of(group.begin(), group.end(),
-                     [&](int s) { return scene.shapes[std::size_t(s)].emission.has_value(); });
+                     [&](int s) { return scene.shapes[s].emission.has_value(); });
 }
 
 /// Emitting instances that `name` means: objects, or all that use a shape of that name.
@@ -337,8 +337,8 @@ std::vector<std::size_t> emitting_instances(const Scene& scene, const std::strin
     const Instance& instance = scene.instances[i];
     if (!emits(scene, instance)) continue;
     if (instance.name == name) by_object.push_back(i);
-    const auto& group = scene.groups[std::size_t(instance.group)];
-    if (std::any_of(group.begin(), group.end(), [&](int s) { return scene.shapes[std::size_t(s)].name == name; }))
+    const auto& group = scene.groups[instance.group];
+    if (std::any_of(group.begin(), group.end(), [&](int s) { return scene.shapes[s].name == name; }))
       by_shape.push_back(i);
   }
   return by_object.empty() ? by_shape : by_object;
@@ -409,18 +409,18 @@ void edit_emitting(const Values& v, const FrameClock& clock, Scene& scene, std::
   const auto users = std::count_if(scene.instances.begin(), scene.instances.end(),
                                    [&](const Instance& i) { return i.group == instance.group; });
   if (users > 1) {  // the others keep theirs
-    std::vector<int> group = scene.groups[std::size_t(instance.group)];
+    std::vector<int> group = scene.groups[instance.group];
     for (int& s : group) {
-      if (!scene.shapes[std::size_t(s)].emission) continue;
-      scene.shapes.push_back(Shape(scene.shapes[std::size_t(s)]));
+      if (!scene.shapes[s].emission) continue;
+      scene.shapes.push_back(Shape(scene.shapes[s]));
       s = int(scene.shapes.size()) - 1;
     }
     instance.group = int(scene.groups.size());
     scene.groups.push_back(std::move(group));
   }
   if (v.has("camera_visible")) instance.camera_visible = v.params.get_bool("camera_visible");
-  for (const int s : scene.groups[std::size_t(instance.group)]) {
-    auto& emission = scene.shapes[std::size_t(s)].emission;
+  for (const int s : scene.groups[instance.group]) {
+    auto& emission = scene.shapes[s].emission;
     if (!emission) continue;
     Animated<Rgb>& factor = emission->radiance.factor;
     if (v.has("color")) factor = light_color(v);
@@ -447,8 +447,8 @@ std::string edit_lights(const ShotConfig& config, const FrameClock& clock, Scene
     for (std::size_t i = 0; i < scene.lights.size(); ++i) {
       PunctualLight& light = scene.lights[i];
       names.push_back(light.name);
-      const int parent = light.node >= 0 ? scene.nodes[std::size_t(light.node)].parent : -1;
-      if (light.name != name && (parent < 0 || scene.nodes[std::size_t(parent)].name != name)) continue;
+      const int parent = light.node >= 0 ? scene.nodes[light.node].parent : -1;
+      if (light.name != name && (parent < 0 || scene.nodes[parent].name != name)) continue;
       found = true;
       edit_punctual(values, clock, light);
       if (const double radius = values.params.get_double("radius"); radius > 0) radii[int(i)] = float(radius);
@@ -464,7 +464,7 @@ std::string edit_lights(const ShotConfig& config, const FrameClock& clock, Scene
   }
   for (const auto& [values, i] : emitting) edit_emitting(*values, clock, scene, i);
   for (auto it = radii.rbegin(); it != radii.rend(); ++it) {
-    make_sphere_light(scene, it->first, it->second, scene.lights[std::size_t(it->first)].camera_visible);
+    make_sphere_light(scene, it->first, it->second, scene.lights[it->first].camera_visible);
   }
   return edits;
 }
@@ -505,7 +505,7 @@ CachedMesh find_meshes(const Scene& scene, const Values& v, const std::string& n
   CachedMesh result;
   std::vector<std::string> names;
   const auto add = [&](int s) {
-    if (std::holds_alternative<Mesh>(scene.shapes[std::size_t(s)].geometry) &&
+    if (std::holds_alternative<Mesh>(scene.shapes[s].geometry) &&
         std::find(result.shapes.begin(), result.shapes.end(), s) == result.shapes.end()) {
       result.shapes.push_back(s);
     }
@@ -513,7 +513,7 @@ CachedMesh find_meshes(const Scene& scene, const Values& v, const std::string& n
   for (const Instance& i : scene.instances) {
     names.push_back(i.name);
     if (i.name != name) continue;
-    for (const int s : scene.groups[std::size_t(i.group)]) add(s);
+    for (const int s : scene.groups[i.group]) add(s);
   }
   for (std::size_t s = 0; result.shapes.empty() && s < scene.shapes.size(); ++s) {
     // A mesh of several materials is several shapes, NAME[0], NAME[1], ...
@@ -529,7 +529,7 @@ CachedMesh find_meshes(const Scene& scene, const Values& v, const std::string& n
   if (result.shapes.empty()) throw unknown(v, "mesh", name, names);
   bool mapped = true;
   for (const int s : result.shapes) {
-    const Mesh& mesh = std::get<Mesh>(scene.shapes[std::size_t(s)].geometry);
+    const Mesh& mesh = std::get<Mesh>(scene.shapes[s].geometry);
     result.vertices += mesh.positions.size();
     mapped = mapped && !mesh.source_vertices.empty();
     for (const std::uint32_t i : mesh.source_vertices) result.sources = std::max(result.sources, std::size_t(i) + 1);
@@ -618,7 +618,7 @@ std::string attach_caches(const ShotConfig& config, const FrameClock& clock, Sce
     std::uint32_t first = 0;
     double distance = 0, other = 0;
     for (const int s : target.shapes) {
-      Mesh& mesh = std::get<Mesh>(scene.shapes[std::size_t(s)].geometry);
+      Mesh& mesh = std::get<Mesh>(scene.shapes[s].geometry);
       CachedPositions c;
       c.samples = cache;
       c.mesh_from_cache = z_up ? kFromZUp : Affine3f{};

@@ -44,8 +44,8 @@ SceneInfo describe(const Scene& scene) {
   info.materials.assign(materials.begin(), materials.end());
   info.instances = scene.instances.size();
   for (const Instance& i : scene.instances) {
-    for (const int shape : scene.groups[std::size_t(i.group)]) {
-      const Shape& s = scene.shapes[std::size_t(shape)];
+    for (const int shape : scene.groups[i.group]) {
+      const Shape& s = scene.shapes[shape];
       info.area_lights += s.emission.has_value();
       if (const auto* mesh = std::get_if<Mesh>(&s.geometry)) info.placed_triangles += mesh->triangle_count();
     }

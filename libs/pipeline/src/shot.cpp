@@ -303,9 +303,9 @@ void settle_classes(const ShotConfig& config, RenderSettings& s) {
   if (!s.classes_are_decomposition) return;
   if (const auto overlap = classifier.overlap()) {
     throw Error(
-        ErrorCode::kBadInput, locs[std::size_t(overlap->second)],
+        ErrorCode::kBadInput, locs[overlap->second],
         fmt::format("the classes \"{}\" and \"{}\" overlap: both hold the path {}; parts of a decomposition must not",
-                    s.classes[std::size_t(overlap->first)].name, s.classes[std::size_t(overlap->second)].name,
+                    s.classes[overlap->first].name, s.classes[overlap->second].name,
                     overlap->witness));
   }
 }

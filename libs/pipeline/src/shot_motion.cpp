@@ -109,7 +109,7 @@ bool jumps_at(const AnimatedTransform& t, const Cut& cut) {
 void cut_motion(Scene& scene, const FrameClock& clock, const std::vector<int>& declared) {
   std::set<int> seen_from;  // nodes of cameras and what they hang on
   for (const Camera& camera : scene.cameras) {
-    for (int n = camera.node; n >= 0; n = scene.nodes[std::size_t(n)].parent) seen_from.insert(n);
+    for (int n = camera.node; n >= 0; n = scene.nodes[n].parent) seen_from.insert(n);
   }
   for (const int frame : declared) {
     const Cut cut{clock.time(frame), clock.frame_duration()};
@@ -135,7 +135,7 @@ void cut_motion(Scene& scene, const FrameClock& clock, const std::vector<int>& d
 
 std::vector<int> find_cuts(const Scene& scene, const RenderSettings& settings, const std::vector<int>& declared) {
   std::set<int> cuts(declared.begin(), declared.end());
-  const Camera& camera = scene.cameras[std::size_t(settings.camera)];
+  const Camera& camera = scene.cameras[settings.camera];
   const FrameClock& clock = settings.clock;
   const auto frame_at = [&](double t) { return clock.first + (t - clock.start) * clock.fps; };
   const double first = frame_at(scene.animation.begin), last = frame_at(scene.animation.end);
@@ -155,13 +155,13 @@ std::vector<int> find_cuts(const Scene& scene, const RenderSettings& settings, c
   const double size = std::max(double(world_bounds(scene, scene.animation.begin).radius()), 1e-6);
   const Change noticeable{0.01 * size, 0.05};
   const auto stands_out = [&](int f, int around) {  // the step from f to f + 1
-    const Change& step = steps[std::size_t(f - begin)];
+    const Change& step = steps[f - begin];
     if (!step.exceeds(noticeable, 1)) return false;
     Change usual;
     for (int g = std::max(begin, f - around); g <= std::min(end - 1, f + around); ++g) {
       if (g == f) continue;
-      usual = {std::max(usual.distance, steps[std::size_t(g - begin)].distance),
-               std::max(usual.angle, steps[std::size_t(g - begin)].angle)};
+      usual = {std::max(usual.distance, steps[g - begin].distance),
+               std::max(usual.angle, steps[g - begin].angle)};
     }
     constexpr double kFarther = 8;
     return (step.distance > noticeable.distance && step.distance > kFarther * usual.distance) ||
@@ -280,7 +280,7 @@ int settle_motion_segments(const Scene& scene, const RenderSettings& s, std::opt
     }
     worst = m.worst;
     const auto at = std::max_element(m.each.begin(), m.each.end()) - m.each.begin();
-    where = exposures[std::size_t(at)];
+    where = exposures[at];
     if (wanted || worst <= kFewPixels || segments == kMostSegments) break;
     // What is right already does not become wrong with finer steps.
     std::vector<TimeSpan> left;

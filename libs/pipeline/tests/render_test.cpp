@@ -175,7 +175,7 @@ TEST_F(RenderSequence, ThreadsAndSplitsDoNotChangeABit) {
     for (int f = 1; f <= 3; ++f) {
       const Frame other = read_frame(file(f));
       for (const Layer& l : other.layers())
-        EXPECT_EQ(l.image, one[std::size_t(f - 1)].layer(l.desc.name)) << l.desc.name;
+        EXPECT_EQ(l.image, one[f - 1].layer(l.desc.name)) << l.desc.name;
     }
   }
 }
@@ -194,7 +194,7 @@ TEST_F(RenderSequence, AdaptiveFramesDoNotDependOnTheSplit) {
     for (int f = 1; f <= 3; ++f) {
       const Frame other = read_frame(file(f));
       for (const Layer& l : other.layers())
-        EXPECT_EQ(l.image, one[std::size_t(f - 1)].layer(l.desc.name)) << l.desc.name << " of frame " << f;
+        EXPECT_EQ(l.image, one[f - 1].layer(l.desc.name)) << l.desc.name << " of frame " << f;
     }
   };
   fs::remove_all(folder_);

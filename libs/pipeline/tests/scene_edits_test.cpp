@@ -195,10 +195,10 @@ TEST(SceneEdits, LightsGetSizes) {
   EXPECT_EQ(spot.name, "Spot");
   EXPECT_TRUE(spot.camera_visible);
   EXPECT_FALSE(bulb.camera_visible);
-  const AreaEmission& bulb_light = *s.shapes[std::size_t(s.groups[std::size_t(bulb.group)][0])].emission;
+  const AreaEmission& bulb_light = *s.shapes[s.groups[bulb.group][0]].emission;
   EXPECT_NEAR(bulb_light.radiance.mean().r, 16 / (kPiD * 0.25), 1e-4);
   EXPECT_NEAR(bulb_light.radiance.mean().b, 16 / (kPiD * 0.25), 1e-4) << "white now";
-  const AreaEmission& spot_light = *s.shapes[std::size_t(s.groups[std::size_t(spot.group)][0])].emission;
+  const AreaEmission& spot_light = *s.shapes[s.groups[spot.group][0]].emission;
   EXPECT_NEAR(spot_light.radiance.mean(0.5).r, 2 / (kPiD * 0.0625), 1e-4) << "half way between its keys";
   ASSERT_TRUE(spot_light.spot);
   EXPECT_EQ(spot_light.spot->falloff, SpotFalloff::kSmoothstep);
@@ -211,8 +211,8 @@ TEST(SceneEdits, LightsGetSizes) {
 TEST(SceneEdits, ObjectsThatEmitAreLights) {
   // By the object: the other copy stays as it is. By the mesh: all of them.
   const Scene s = settled("[lights.Left]\ntwo_sided = false\nspread = 60\nscale = 3\ncamera_visible = false\n");
-  const auto& left = *s.shapes[std::size_t(s.groups[std::size_t(s.instances[1].group)][0])].emission;
-  const auto& right = *s.shapes[std::size_t(s.groups[std::size_t(s.instances[2].group)][0])].emission;
+  const auto& left = *s.shapes[s.groups[s.instances[1].group][0]].emission;
+  const auto& right = *s.shapes[s.groups[s.instances[2].group][0]].emission;
   EXPECT_FALSE(left.two_sided);
   EXPECT_NEAR(left.half_spread, kPiD / 6, 1e-6);
   EXPECT_EQ(left.radiance.mean(), (Rgb{3, 6, 9}));
@@ -223,8 +223,8 @@ TEST(SceneEdits, ObjectsThatEmitAreLights) {
   EXPECT_TRUE(s.instances[2].camera_visible);
   const Scene both = settled("[lights.tube]\nintensity = 2\ncolor = [1, 1, 0]\n");
   for (const int i : {1, 2}) {
-    const Instance& instance = both.instances[std::size_t(i)];
-    EXPECT_EQ(both.shapes[std::size_t(both.groups[std::size_t(instance.group)][0])].emission->radiance.mean(),
+    const Instance& instance = both.instances[i];
+    EXPECT_EQ(both.shapes[both.groups[instance.group][0]].emission->radiance.mean(),
               (Rgb{2, 2, 0}));
   }
   // A light by the name of the object that holds it.

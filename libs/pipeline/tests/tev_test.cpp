@@ -151,7 +151,7 @@ class Viewer {
             return;
           }
           p.pixels[(std::size_t(y + i / w) * std::size_t(p.width) + std::size_t(x + i % w)) * n + c] =
-              data[std::size_t(k)];
+              data[k];
         }
       }
       ++p.updates;

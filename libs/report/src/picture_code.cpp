@@ -204,20 +204,20 @@ EncodedPicture encode_picture(const Image& image, const EncodeOptions& options) 
 
   // From where the search begins, to finer codes while they fit, else to coarser ones until one does.
   const auto allowed = [&](int i) {
-    const int steps = kSteps[std::size_t(i)];
+    const int steps = kSteps[i];
     return steps <= options.max_steps && float(steps) * most <= float(kLargest);
   };
   const int last = int(kSteps.size()) - 1;
   int first = 0;
   while (!allowed(first) && first < last) ++first;
   int i = first;
-  while (options.first_steps > 0 && i < last && kSteps[std::size_t(i)] > options.first_steps) ++i;
-  bool fit = fits(kSteps[std::size_t(i)]);
+  while (options.first_steps > 0 && i < last && kSteps[i] > options.first_steps) ++i;
+  bool fit = fits(kSteps[i]);
   if (fit) {
-    while (i > first && fits(kSteps[std::size_t(i - 1)])) --i;
-    if (out.code.steps != kSteps[std::size_t(i)]) fits(kSteps[std::size_t(i)]);  // the finer one did not fit
+    while (i > first && fits(kSteps[i - 1])) --i;
+    if (out.code.steps != kSteps[i]) fits(kSteps[i]);  // the finer one did not fit
   } else {
-    while (!fit && i < last) fit = fits(kSteps[std::size_t(++i)]);
+    while (!fit && i < last) fit = fits(kSteps[++i]);
   }
   if (out.bytes.size() < residuals.size() / 5) {  // there is more than noise: a search for repetitions pays
     std::string filtered = deflated(residuals, Z_FILTERED);

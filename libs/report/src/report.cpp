@@ -121,7 +121,7 @@ class MapRange {
       least_ = std::min(least_, v);
       const float a = std::abs(v);
       if (a == 0) continue;
-      ++bins_[std::size_t(std::clamp(int(std::floor(std::log2(a) * kPerOctave)) + kZero, 0, kBins - 1))];
+      ++bins_[std::clamp(int(std::floor(std::log2(a) * kPerOctave)) + kZero, 0, kBins - 1)];
       ++count_;
     }
   }
@@ -143,7 +143,7 @@ class MapRange {
   double quantile(double q) const {
     std::int64_t left = std::int64_t(q * double(count_));
     for (int i = 0; i < kBins; ++i) {
-      left -= bins_[std::size_t(i)];
+      left -= bins_[i];
       if (left < 0) return std::exp2(double(i + 1 - kZero) / kPerOctave);
     }
     return 1;
@@ -320,7 +320,7 @@ struct ReportWriter::Impl {
   /// Encodes what the current frame has gathered.
   void flush() {
     parallel_for(0, std::int64_t(jobs.size()), [&](std::int64_t i) {
-      Job& job = jobs[std::size_t(i)];
+      Job& job = jobs[i];
       switch (job.kind) {
         case Job::Kind::kPicture:
           job.encoded = encode_picture(
@@ -571,14 +571,14 @@ CompareResult show_sequences(const std::vector<CompareInput>& tests, const Compa
   for (const int frame : frames) {
     std::vector<Frame> loaded(tests.size());
     parallel_for(0, std::int64_t(tests.size()), [&](std::int64_t i) {
-      const FrameSequence& sequence = tests[std::size_t(i)].runs[0];
-      const auto& mine = result.sides[std::size_t(i)].frames;
+      const FrameSequence& sequence = tests[i].runs[0];
+      const auto& mine = result.sides[i].frames;
       if (!std::binary_search(mine.begin(), mine.end(), frame)) return;
       ReadOptions read{{options.layer}};
       for (const LayerDesc& layer : read_header(sequence.path(frame)).layers) {
         if (std::find(kMotion.begin(), kMotion.end(), layer.name) != kMotion.end()) read.layers.push_back(layer.name);
       }
-      loaded[std::size_t(i)] = read_frame(sequence.path(frame), read);
+      loaded[i] = read_frame(sequence.path(frame), read);
     });
     std::array<const Image*, 2> vectors{};
     for (std::size_t i = 0; i < tests.size(); ++i) {

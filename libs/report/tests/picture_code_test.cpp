@@ -82,7 +82,7 @@ TEST(PictureCode, KeepsValuesWithinHalfAStep) {
 TEST(PictureCode, KeepsSignsZerosAndExtremes) {
   Image image(8, 4, 1);
   const float values[] = {0, -0.0f, 1, -1, 1e-30f, -1e-6f, 65504, -3e5f, 3e38f, 1e-38f, 0.18f, -0.18f, 2, 3, 4, 5};
-  for (int i = 0; i < 32; ++i) image.values()[std::size_t(i)] = values[i % 16];
+  for (int i = 0; i < 32; ++i) image.values()[i] = values[i % 16];
   const EncodedPicture p = encode_picture(image, {.bytes_per_pixel = 100});
   EXPECT_EQ(p.channels, 1);
   EXPECT_TRUE(DecodesTo(p, image));

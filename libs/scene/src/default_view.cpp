@@ -13,8 +13,8 @@ Bounds3f world_bounds(const Scene& scene, double t) {
   for (const Instance& instance : scene.instances) {
     if (!scene.visible(instance.node, t)) continue;
     const Affine3f world(scene.world(instance.node, t));
-    for (const int shape : scene.groups[std::size_t(instance.group)]) {
-      const Geometry& geometry = scene.shapes[std::size_t(shape)].geometry;
+    for (const int shape : scene.groups[instance.group]) {
+      const Geometry& geometry = scene.shapes[shape].geometry;
       if (const auto* mesh = std::get_if<Mesh>(&geometry)) {
         const MeshPose pose = mesh_pose(scene, *mesh, instance.node, t);
         const std::size_t stride = std::max<std::size_t>(1, mesh->positions.size() / kVerticesPerMesh);

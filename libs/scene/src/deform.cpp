@@ -96,8 +96,8 @@ void mesh_jumps(const Scene& scene, const Mesh& mesh, int node, TimeSpan span, s
 void instance_jumps(const Scene& scene, TimeSpan span, std::vector<double>& out) {
   for (const Instance& instance : scene.instances) {
     scene.jumps(instance.node, span, out);
-    for (const int shape : scene.groups[std::size_t(instance.group)]) {
-      const auto* mesh = std::get_if<Mesh>(&scene.shapes[std::size_t(shape)].geometry);
+    for (const int shape : scene.groups[instance.group]) {
+      const auto* mesh = std::get_if<Mesh>(&scene.shapes[shape].geometry);
       if (mesh && mesh->deforms()) mesh_jumps(scene, *mesh, instance.node, span, out);
     }
   }

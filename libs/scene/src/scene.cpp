@@ -11,27 +11,27 @@ namespace tempera {
 
 Affine3d Scene::world(int node, double t, double piece) const {
   Affine3d m;
-  for (; node >= 0; node = nodes[std::size_t(node)].parent) m = nodes[std::size_t(node)].local.at(t, piece) * m;
+  for (; node >= 0; node = nodes[node].parent) m = nodes[node].local.at(t, piece) * m;
   return m;
 }
 
 void Scene::jumps(int node, TimeSpan span, std::vector<double>& out) const {
-  for (; node >= 0; node = nodes[std::size_t(node)].parent) {
-    nodes[std::size_t(node)].local.jumps(span, out);
-    nodes[std::size_t(node)].visibility.jumps(span, out);
+  for (; node >= 0; node = nodes[node].parent) {
+    nodes[node].local.jumps(span, out);
+    nodes[node].visibility.jumps(span, out);
   }
 }
 
 bool Scene::moves(int node, TimeSpan span) const {
-  for (; node >= 0; node = nodes[std::size_t(node)].parent) {
-    if (nodes[std::size_t(node)].local.varies_over(span)) return true;
+  for (; node >= 0; node = nodes[node].parent) {
+    if (nodes[node].local.varies_over(span)) return true;
   }
   return false;
 }
 
 bool Scene::visible(int node, double t) const {
-  for (; node >= 0; node = nodes[std::size_t(node)].parent) {
-    if (nodes[std::size_t(node)].visibility.at(t) < 0.5f) return false;
+  for (; node >= 0; node = nodes[node].parent) {
+    if (nodes[node].visibility.at(t) < 0.5f) return false;
   }
   return true;
 }
@@ -45,7 +45,7 @@ class Validator {
   void run() const {
     const int node_count = int(scene_.nodes.size());
     for (int i = 0; i < node_count; ++i) {
-      const Node& n = scene_.nodes[std::size_t(i)];
+      const Node& n = scene_.nodes[i];
       require(n.parent < i && n.parent >= -1, "node", n.name, "has a parent that does not stand before it");
     }
     for (const Shape& s : scene_.shapes) check_shape(s);

@@ -139,7 +139,7 @@ void VertexCache::check(const SourceLoc& loc, const std::string& name) {
       h = (h ^ word) * 0x9e3779b97f4a7c15ull;
       h ^= h >> 32;
     }
-    hashes[std::size_t(block)] = mix64(h);
+    hashes[block] = mix64(h);
     // Floats that begin in this block, though the last may end in the next.
     const std::size_t first = begin <= header ? 0 : (begin - header + 3) / 4;
     const std::size_t last = end <= header ? 0 : (end - header + 3) / 4;

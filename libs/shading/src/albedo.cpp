@@ -34,7 +34,7 @@ std::unique_ptr<const AlbedoTable<GgxAlbedo>> make_ggx_table() {
         scale += weight * (1 - schlick);
         bias += weight * schlick;
       }
-      (*table)[std::size_t(j)][std::size_t(i)] = {float(scale / kSamples), float(bias / kSamples)};
+      (*table)[j][i] = {float(scale / kSamples), float(bias / kSamples)};
     }
   return table;
 }
@@ -56,7 +56,7 @@ std::unique_ptr<const AlbedoTable<float>> make_sheen_table() {
           const float phi = kPi * (float(b) + 0.5f) / kAngles;
           sum += lobe.eval(wo, {s * std::cos(phi), s * std::sin(phi), c}).f_cos.r * 2 * x;
         }
-      (*table)[std::size_t(j)][std::size_t(i)] = float(std::min(sum * 2 * kPiD / (kCosines * kAngles), 1.0));
+      (*table)[j][i] = float(std::min(sum * 2 * kPiD / (kCosines * kAngles), 1.0));
     }
   return table;
 }
@@ -130,7 +130,7 @@ AlbedoTable<AlbedoEntry> make_table(const AlbedoKey& key) {
           add_facet(key, facets, wo, facets.sample(wo, u), sum);
         }
       }
-      for (std::size_t k = 0; k < 4; ++k) table[std::size_t(j)][std::size_t(i)][k] = float(sum[k] / kSamples);
+      for (std::size_t k = 0; k < 4; ++k) table[j][i][k] = float(sum[k] / kSamples);
     }
   return table;
 }

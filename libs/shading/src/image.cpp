@@ -34,8 +34,8 @@ const std::array<float, 256>& byte_table(bool srgb) {
   static const auto tables = [] {
     std::array<std::array<float, 256>, 2> t;
     for (int i = 0; i < 256; ++i) {
-      t[0][std::size_t(i)] = float(i) * (1.0f / 255.0f);
-      t[1][std::size_t(i)] = srgb_to_linear(float(i) * (1.0f / 255.0f));
+      t[0][i] = float(i) * (1.0f / 255.0f);
+      t[1][i] = srgb_to_linear(float(i) * (1.0f / 255.0f));
     }
     return t;
   }();
@@ -64,7 +64,7 @@ struct Channels {
 Channels find_channels(const OIIO::ImageSpec& spec) {
   Channels c;
   static constexpr const char* kNames[] = {"R", "G", "B", "A"};
-  for (int i = 0; i < 4; ++i) c.index[std::size_t(i)] = spec.channelindex(kNames[i]);
+  for (int i = 0; i < 4; ++i) c.index[i] = spec.channelindex(kNames[i]);
   if (c.index[0] >= 0 && c.index[1] >= 0 && c.index[2] >= 0) return c;
   const int n = spec.nchannels;
   c.index = {0, n >= 3 ? 1 : -1, n >= 3 ? 2 : -1, spec.alpha_channel};
@@ -218,7 +218,7 @@ class PagedImage final : public Image {
   }
 
   void page_block(int level, int x, int y, int w, int h, Texel* out) const override {
-    const Page& page = pages_[std::size_t(level)];
+    const Page& page = pages_[level];
     const int tx = x / page.tile_width, ty = y / page.tile_height;
     if ((x + w - 1) / page.tile_width != tx || (y + h - 1) / page.tile_height != ty) {  // across tiles: one by one
       for (int i = 0; i < w * h; ++i) page_block(level, x + i % w, y + i / w, 1, 1, out + i);
@@ -240,7 +240,7 @@ class PagedImage final : public Image {
   }
   int page_levels() const override { return int(pages_.size()); }
   void page_size(int level, int& w, int& h) const override {
-    w = pages_[std::size_t(level)].width, h = pages_[std::size_t(level)].height;
+    w = pages_[level].width, h = pages_[level].height;
   }
 
   Texel mean() const override {

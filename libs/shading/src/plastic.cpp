@@ -52,8 +52,8 @@ std::shared_ptr<const RoughTransmittance> compute(Microfacets type, float alpha,
   parallel_for(0, RoughTransmittance::kSize, [&](std::int64_t i) {
     const float mu = std::max(float(i) / (RoughTransmittance::kSize - 1), 1e-6f);
     const Vec3f wo{std::sqrt(1 - mu * mu), 0, mu};
-    table->external[std::size_t(i)] = rough_albedo(facets, wo, eta, true, eta > 1 ? coarse : fine);
-    inside[std::size_t(i)] = double(rough_albedo(facets, wo, 1 / eta, false, eta > 1 ? fine : coarse) * mu);
+    table->external[i] = rough_albedo(facets, wo, eta, true, eta > 1 ? coarse : fine);
+    inside[i] = double(rough_albedo(facets, wo, 1 / eta, false, eta > 1 ? fine : coarse) * mu);
   });
   table->internal_reflectance =
       float(2 * std::accumulate(inside.begin(), inside.end(), 0.0) / RoughTransmittance::kSize);

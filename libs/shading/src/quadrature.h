@@ -25,7 +25,7 @@ inline std::vector<QuadratureNode> gauss_legendre(int n) {
       derivative = n * (x * p1 - p0) / (x * x - 1);
       x -= p1 / derivative;
     }
-    nodes[std::size_t(i)] = {float(0.5 - 0.5 * x), float(1 / ((1 - x * x) * derivative * derivative))};
+    nodes[i] = {float(0.5 - 0.5 * x), float(1 / ((1 - x * x) * derivative * derivative))};
   }
   return nodes;
 }

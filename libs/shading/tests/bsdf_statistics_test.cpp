@@ -498,7 +498,7 @@ TEST(Bsdf, AlbedoOfTintedGlassIsItsReflectanceAndTransmittance) {
   const double r = double(dielectric_interface(wo.z, 1.5f).reflectance);
   const auto expect = [&](const MaterialPtr& m, const Vec3f& w, std::array<double, 3> exact, double tolerance) {
     const Rgb albedo = bsdf_of(*m, w).albedo(w);
-    for (int k = 0; k < 3; ++k) EXPECT_NEAR(double(albedo[k]), exact[std::size_t(k)], tolerance);
+    for (int k = 0; k < 3; ++k) EXPECT_NEAR(double(albedo[k]), exact[k], tolerance);
   };
   const Rgb reflectance{0.9f, 0.5f, 0.1f}, transmittance{0.2f, 0.6f, 1};
   const std::array<double, 3> tinted{0.9 * r + 0.2 * (1 - r), 0.5 * r + 0.6 * (1 - r), 0.1 * r + (1 - r)};

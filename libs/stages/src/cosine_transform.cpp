@@ -120,7 +120,7 @@ float* CosineTransform::stages(const std::vector<Stage>& plan, float* a, float* 
             for (int j = 0; j < s.radix; ++j) {
               Lanes sum = load(x);
               for (int k = 1; k < s.radix; ++k) {
-                sum = sum + times(s.root[std::size_t(j * k % s.radix)], load(x + k * in));
+                sum = sum + times(s.root[j * k % s.radix], load(x + k * in));
               }
               store(y + j * out, times(w[j], sum));
             }
@@ -173,16 +173,16 @@ void CosineTransform::fourier(float* data, float* work) const {
   }
   // A product with a chirp, a cyclic convolution with its conjugate, and a product again.
   float *a = work, *b = work + std::size_t(padded_) * kLanes;
-  for (int k = 0; k < n_; ++k) store(a + k * kLanes, times(chirp_[std::size_t(k)], load(data + k * kLanes)));
+  for (int k = 0; k < n_; ++k) store(a + k * kLanes, times(chirp_[k], load(data + k * kLanes)));
   std::fill(a + values, b, 0.0f);
   float* f = stages(plan_, a, b);
   float* other = f == a ? b : a;
   for (int k = 0; k < padded_; ++k) {
-    store_exchanged(f + k * kLanes, times(filter_[std::size_t(k)], load(f + k * kLanes)));
+    store_exchanged(f + k * kLanes, times(filter_[k], load(f + k * kLanes)));
   }
   f = stages(plan_, f, other);
   for (int k = 0; k < n_; ++k) {
-    store(data + k * kLanes, times(chirp_[std::size_t(k)], load_exchanged(f + k * kLanes)));
+    store(data + k * kLanes, times(chirp_[k], load_exchanged(f + k * kLanes)));
   }
 }
 
@@ -199,7 +199,7 @@ void CosineTransform::forward(float* data, Scratch& scratch) const {
     // The transforms a and b of the sequences in the real and in the imaginary part.
     const Lanes z = load(v + k * kLanes), y = load(v + (n_ - k) * kLanes);
     const Lanes a{z.re + y.re, z.im - y.im}, b{z.im + y.im, y.re - z.re};
-    const float c = rest * quarter_[std::size_t(k)].re, s = rest * quarter_[std::size_t(k)].im;
+    const float c = rest * quarter_[k].re, s = rest * quarter_[k].im;
     store(data + k * kLanes, {c * a.re + s * a.im, c * b.re + s * b.im});
     if (2 * k < n_) store(data + (n_ - k) * kLanes, {s * a.re - c * a.im, s * b.re - c * b.im});
   }
@@ -212,7 +212,7 @@ void CosineTransform::inverse(float* data, Scratch& scratch) const {
   const float first = float(std::sqrt(1.0 / n_)), rest = float(std::sqrt(0.5 / n_));
   store_exchanged(v, first * load(data));
   for (int k = 1; 2 * k <= n_; ++k) {
-    const float c = rest * quarter_[std::size_t(k)].re, s = rest * quarter_[std::size_t(k)].im;
+    const float c = rest * quarter_[k].re, s = rest * quarter_[k].im;
     const Lanes low = load(data + k * kLanes), high = load(data + (n_ - k) * kLanes);
     const Lanes a{c * low.re + s * high.re, s * low.re - c * high.re};
     const Lanes b{c * low.im + s * high.im, s * low.im - c * high.im};

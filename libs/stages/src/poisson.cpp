@@ -135,7 +135,7 @@ class BandSums {
  public:
   explicit BandSums(int height) : parts_(std::size_t((height + kBand - 1) / kBand)) {}
   int bands() const { return int(parts_.size()); }
-  T& operator[](std::int64_t band) { return parts_[std::size_t(band)]; }
+  T& operator[](std::int64_t band) { return parts_[band]; }
   /// Calls body(band, first row, last row + 1) for all bands in parallel.
   void for_each(int height, const std::function<void(std::int64_t, int, int)>& body) {
     parallel_for(0, bands(), [&](std::int64_t b) { body(b, int(b) * kBand, std::min(height, int(b + 1) * kBand)); });
@@ -184,7 +184,7 @@ void PoissonSystem::descend(const PlanarFrames& x, PlanarFrames& out, ChannelSum
     }
   };
   const auto datum = [&](RowSet set, int t, int y, int c, int i) -> B {
-    if constexpr (kData) return {window_[std::size_t(t)]->data(set, y, c) + i};
+    if constexpr (kData) return {window_[t]->data(set, y, c) + i};
     return {};
   };
   // Weights of the rows above the first and below the last row of pixels.
@@ -258,7 +258,7 @@ void PoissonSystem::descend(const PlanarFrames& x, PlanarFrames& out, ChannelSum
         for (int c = 0; c < 3; ++c) {
           float* o = out.row(t, y, c);
           if constexpr (kData) negate(o, w);
-          add_dots(x.row(t, y, c), o, inverse_diagonal(t, y), out.stride(), sum[std::size_t(c)],
+          add_dots(x.row(t, y, c), o, inverse_diagonal(t, y), out.stride(), sum[c],
                    sum[std::size_t(c) + 3]);
         }
       }
@@ -284,7 +284,7 @@ void PoissonSystem::set_precise() {
   store_weights();
   parallel_for(0, std::int64_t(frames) * h, [&](std::int64_t row) {
     for (int set = 0; set < kRowSets; ++set) {
-      const StoredPrecision precision{window_[std::size_t(row / h)]->precision(RowSet(set), int(row % h))};
+      const StoredPrecision precision{window_[row / h]->precision(RowSet(set), int(row % h))};
       const float w0 = weights_.of(RowSet(set));
       BFloat16* out = squared_.row(row * kRowSets + set);
       for (int i = 0; i < w; ++i) out[i] = to_bfloat16(w0 * w0 * precision.at(i));
@@ -363,7 +363,7 @@ double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double sca
     // Weights of `n` rows of `set` from pixel i0 on; residual(c, i) is A x - b without a weight.
     const auto for_each_residual = [&](RowSet set, int t, int y, int i0, int n, const auto& residual) {
       BFloat16* out = squared_.row((std::int64_t(t) * h + y) * kRowSets + int(set)) + i0;
-      const PoissonFrame& f = *window_[std::size_t(t)];
+      const PoissonFrame& f = *window_[t];
       const StoredPrecision precision{f.has_precision() ? f.precision(set, y) + i0 : nullptr};
       const float uniform = weights_.of(set) * weights_.of(set), top = float(scale);
       constexpr int kChunk = 256;
@@ -390,7 +390,7 @@ double PoissonSystem::reweight(const PlanarFrames& x, double epsilon, double sca
       }
     };
     for (int t = 0; t < frames; ++t) {
-      const PoissonFrame& f = *window_[std::size_t(t)];
+      const PoissonFrame& f = *window_[t];
       for (int y = y0; y < y1; ++y) {
         std::array<const float*, 3> mid, down, bp, bx, by;
         for (int c = 0; c < 3; ++c) {
@@ -441,7 +441,7 @@ float PoissonSystem::squared_weight(RowSet set, int t, int x, int y) const {
 
 const MotionRuns* PoissonSystem::motion_from(int t) const {
   const bool pair = linked_ && t >= 0 && t + 1 < frames();
-  return pair && window_[std::size_t(t)]->motion.count() > 0 ? &window_[std::size_t(t)]->motion : nullptr;
+  return pair && window_[t]->motion.count() > 0 ? &window_[t]->motion : nullptr;
 }
 
 bool PoissonSystem::is_separable() const {
@@ -542,7 +542,7 @@ ChannelSums advance(const PoissonSystem& system, PlanarFrames& x, PlanarFrames& 
       for (int y = y0; y < y1; ++y) {
         const float* __restrict d = system.inverse_diagonal(t, y);
         for (int c = 0; c < 3; ++c) {
-          const float a = float(alpha[std::size_t(c)]), b = float(beta[std::size_t(c)]);
+          const float a = float(alpha[c]), b = float(beta[c]);
           float* __restrict xs = x.row(t, y, c), * __restrict rs = r.row(t, y, c), * __restrict ps = p.row(t, y, c);
           const float* __restrict qs = q.row(t, y, c);
           float lane[kSumLanes] = {};
@@ -563,7 +563,7 @@ ChannelSums advance(const PoissonSystem& system, PlanarFrames& x, PlanarFrames& 
           } else {
             run([](float v, int) { return v; });
           }
-          for (const float v : lane) sum[std::size_t(c)] += double(v);
+          for (const float v : lane) sum[c] += double(v);
         }
       }
     }

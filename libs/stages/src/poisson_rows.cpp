@@ -13,14 +13,14 @@ FlatWindow::FlatWindow(std::span<const PoissonFrame* const> window)
   mixed.assign(n, 0);
   const auto number = [&](int t, int y, int x) { return (t * height + y) * width + x; };
   for (int t = 0; t + 1 < frames; ++t) {
-    const MotionRuns& motion = window[std::size_t(t)]->motion;
+    const MotionRuns& motion = window[t]->motion;
     for (int y = 0; y < height && motion.count() > 0; ++y) {
       for (const MotionRun& r : motion.from_row(y)) {
         for (int i = 0; i < r.length; ++i) {
           const int from = number(t, y, r.x + i), to = number(t + 1, y + r.dy, r.x + r.dx + i);
-          forward[std::size_t(from)] = to;
-          backward[std::size_t(to)] = from;
-          mixed[std::size_t(from)] = static_cast<unsigned char>((i < r.mixed_x ? 1 : 0) + (r.mixed_y ? 2 : 0));
+          forward[from] = to;
+          backward[to] = from;
+          mixed[from] = static_cast<unsigned char>((i < r.mixed_x ? 1 : 0) + (r.mixed_y ? 2 : 0));
         }
       }
     }
@@ -30,7 +30,7 @@ FlatWindow::FlatWindow(std::span<const PoissonFrame* const> window)
   const FlatRows flat = rows();
   parallel_for(0, std::int64_t(frames) * height, [&](std::int64_t line) {
     const int t = int(line / height), y = int(line % height);
-    const PoissonFrame& f = *window[std::size_t(t)];
+    const PoissonFrame& f = *window[t];
     for (int s = 0; s < kRowSets; ++s) {
       const RowSet set{s};
       for (int x = 0; x < width; ++x) {

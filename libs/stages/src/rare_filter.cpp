@@ -77,7 +77,7 @@ RareFilter::RareFilter(std::span<const RareFrame* const> frames, const PlanarFra
         const float *r = solution.row(t, y, 0), *g = solution.row(t, y, 1), *b = solution.row(t, y, 2);
         double sum = 0;
         for (int x = 0; x < w; ++x) sum += double(luminance(Rgb(r[x], g[x], b[x])));
-        rows[std::size_t(i)] = sum;
+        rows[i] = sum;
       },
       16);
   for (const double sum : rows) mean_ += sum / (double(w) * double(h) * double(n));
@@ -88,7 +88,7 @@ bool RareFilter::dark() const {
 }
 
 RareFilter::Guides RareFilter::make_guides(int t) const {
-  const RareFrame& f = *frames_[std::size_t(t)];
+  const RareFrame& f = *frames_[t];
   const int w = solution_.width(), h = solution_.height();
   Guides out(std::size_t(w) * std::size_t(h));
   std::array<std::vector<float>, 2> rare{std::vector<float>(out.size()), std::vector<float>(out.size())};
@@ -110,9 +110,9 @@ RareFilter::Guides RareFilter::make_guides(int t) const {
           }
           common[i] = std::max(least, luminance(Rgb(r[x], g[x], b[x])));
           for (int c = 0; c < 3 && !f.normal.empty(); ++c)
-            guide.features[std::size_t(c)] = f.normal.at(x, y, c) / kNormal;
+            guide.features[c] = f.normal.at(x, y, c) / kNormal;
           for (int c = 0; c < 3 && !f.albedo.empty(); ++c)
-            guide.features[std::size_t(3 + c)] = f.albedo.at(x, y, c) / kAlbedo;
+            guide.features[3 + c] = f.albedo.at(x, y, c) / kAlbedo;
           guide.features[6] = std::log(common[i]) / kCommon;
           guide.object = f.object.empty() ? 0 : f.object.at(x, y);
         }
@@ -138,7 +138,7 @@ const RareFilter::Guides& RareFilter::guides(int t) {
 }
 
 std::vector<std::uint8_t> RareFilter::lit(int t) const {
-  const RareFrame& f = *frames_[std::size_t(t)];
+  const RareFrame& f = *frames_[t];
   const int w = solution_.width(), h = solution_.height();
   std::vector<std::uint8_t> rows(std::size_t(w) * std::size_t(h)), out(rows.size());
   if (f.dark) return out;
@@ -191,12 +191,12 @@ Image RareFilter::smooth(int t) {
   std::erase_if(guides_, [&](const auto& entry) { return entry.first < t - 1; });
   for (int u = std::max(0, t - 1); u <= std::min(n - 1, t + 1); ++u) {
     Neighbour neighbour{&guides(u), lit(u), {}, u == t ? 0 : 1 / (2 * sqr(kTemporal * shrink))};
-    if (u < t) neighbour.place = frames_[std::size_t(t)]->previous;
+    if (u < t) neighbour.place = frames_[t]->previous;
     if (u > t) {
       neighbour.place.assign(out.pixels(), -1);
-      const std::vector<std::int32_t>& previous = frames_[std::size_t(u)]->previous;
+      const std::vector<std::int32_t>& previous = frames_[u]->previous;
       for (std::size_t i = 0; i < previous.size(); ++i) {
-        if (previous[i] >= 0) neighbour.place[std::size_t(previous[i])] = std::int32_t(i);
+        if (previous[i] >= 0) neighbour.place[previous[i]] = std::int32_t(i);
       }
     }
     if (u == t || !neighbour.place.empty()) neighbours.push_back(std::move(neighbour));
@@ -213,7 +213,7 @@ Image RareFilter::smooth(int t) {
           };
           const bool reached = std::any_of(neighbours.begin(), neighbours.end(), [&](const Neighbour& f) {
             const std::int32_t at = place_in(f);
-            return at >= 0 && f.lit[std::size_t(at)];
+            return at >= 0 && f.lit[at];
           });
           if (!reached) continue;
           const Guide& g = own[here];
@@ -241,7 +241,7 @@ Image RareFilter::smooth(int t) {
             }
           }
           // The pixel itself weighs 1, so no weight is 0.
-          const Rgb albedo = albedo_of(*frames_[std::size_t(t)], x, y);
+          const Rgb albedo = albedo_of(*frames_[t], x, y);
           out.set_rgb(x, y, albedo * (sums[0] * (0.5f / weights[0]) + sums[1] * (0.5f / weights[1])));
         }
       },

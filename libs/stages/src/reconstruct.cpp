@@ -224,15 +224,15 @@ void check_finite(const std::string& path, const std::string& layer, const Image
       [&](std::int64_t y) {
         for (int x = 0; x < width; ++x) {
           if (!is_finite(image.rgb(x, int(y))) && used(x, int(y))) {
-            bad[std::size_t(y)] = x;
+            bad[y] = x;
             return;
           }
         }
       },
       16);
   for (int y = 0; y < height; ++y) {
-    if (bad[std::size_t(y)] < 0) continue;
-    bad_layer(path, layer, fmt::format("has a value that is not finite at pixel {},{}", bad[std::size_t(y)], y));
+    if (bad[y] < 0) continue;
+    bad_layer(path, layer, fmt::format("has a value that is not finite at pixel {},{}", bad[y], y));
   }
 }
 
@@ -488,9 +488,9 @@ RareFrame take_rare_light(Input& in, LightShares& shares) {
           for (std::size_t k = 0; k < 2; ++k) {
             for (int c = 0; c < 3; ++c) light[k][c] = std::max(0.0f, light[k][c]);
             out.light[k].set_rgb(x, y, light[k]);
-            lit[std::size_t(y)] |= !is_black(light[k]);
+            lit[y] |= !is_black(light[k]);
           }
-          rows[std::size_t(y)] += {double(luminance(all)), double(luminance(rare)), double(luminance(held))};
+          rows[y] += {double(luminance(all)), double(luminance(rare)), double(luminance(held))};
           subtract(in.base.color, in.base_rare.color, x, y);
           subtract(in.base.grad_x, in.base_rare.grad_x, x, y);
           subtract(in.base.grad_y, in.base_rare.grad_y, x, y);
@@ -541,7 +541,7 @@ class FrameBuffer {
     LightShares shares;
     double variance = 0;  ///< the reference of set_spatial_precision
   };
-  const Slot& slot(int f) const { return slots_[std::size_t(f - slots_.front().frame)]; }
+  const Slot& slot(int f) const { return slots_[f - slots_.front().frame]; }
 
   void read(int f) {
     auto in = std::make_unique<Input>(reader_.read(f));

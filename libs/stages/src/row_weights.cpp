@@ -59,7 +59,7 @@ void store_weights(PoissonFrame& frame, RowSet set, const std::vector<float>& va
       const double v = double(variance[std::size_t(y) * std::size_t(w) + std::size_t(x)]);
       double precision = v >= 0 && reference > 0 ? 2 * reference / (v + reference) : 1;
       if (set <= RowSet::kDy) precision = std::max(precision, kLeastPrecision);
-      row[std::size_t(x)] = float(norm == PoissonNorm::kL1 ? std::sqrt(precision) : precision);
+      row[x] = float(norm == PoissonNorm::kL1 ? std::sqrt(precision) : precision);
     }
     frame.set_precision(set, y, row);
   }

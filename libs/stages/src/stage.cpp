@@ -59,7 +59,7 @@ std::vector<int> frames_around(int frame, int before, int after, const SequenceD
 std::optional<LayerUse> missing_layer(const Stage& stage, std::span<const SequenceDesc> in) {
   for (int port = 0; port < int(in.size()); ++port) {
     for (LayerUse& use : stage.reads(port, in)) {
-      if (use.required && !in[std::size_t(port)].has(use.layer)) return std::move(use);
+      if (use.required && !in[port].has(use.layer)) return std::move(use);
     }
   }
   return std::nullopt;

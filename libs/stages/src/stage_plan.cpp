@@ -40,7 +40,7 @@ StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& so
       for (const int f : step.frames) {
         const std::vector<int> inputs = stages[i]->inputs(port, f, step.in);
         for (const int g : inputs) {
-          if (!step.in[std::size_t(port)].has(g)) {
+          if (!step.in[port].has(g)) {
             const std::string before = port == 0 && i > 0 ? "the stage " + chain[i - 1].entry->name : "the render";
             throw Error(ErrorCode::kBadInput, fmt::format("the stage {} needs frame {}, which {} does not make",
                                                           chain[i].entry->name, g, before));

@@ -82,19 +82,19 @@ StageRun::StageRun(const Stage& stage, std::span<const FrameSequence> files, std
 
 Frame StageRun::read(int frame, int port) const {
   TEMPERA_ASSERT(declared_.contains({port, frame}));
-  const SequenceDesc& in = in_[std::size_t(port)];
+  const SequenceDesc& in = in_[port];
   const std::string file = path(frame, port);
   const FrameHeader header = read_header(file);
   if (header.width != in.width || header.height != in.height) {
     throw Error(ErrorCode::kBadInput, fmt::format("{} has {}x{} pixels, {} has {}x{}", file, header.width,
-                                                  header.height, described_[std::size_t(port)], in.width, in.height));
+                                                  header.height, described_[port], in.width, in.height));
   }
   const auto has = [&](const LayerDesc& layer) {
     return std::any_of(header.layers.begin(), header.layers.end(),
                        [&](const LayerDesc& d) { return d.name == layer.name; });
   };
   ReadOptions options;
-  for (const LayerUse& use : reads_[std::size_t(port)]) {
+  for (const LayerUse& use : reads_[port]) {
     if (has(use.layer)) {
       options.layers.push_back(use.layer.name);
     } else if (use.required) {
@@ -171,7 +171,7 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
         }
         for (const int g : stage->inputs(port, f, run.in_)) {
           run.declared_.emplace(port, g);
-          if (!in[std::size_t(port)].has(g)) missing.insert(g);
+          if (!in[port].has(g)) missing.insert(g);
         }
       }
     }

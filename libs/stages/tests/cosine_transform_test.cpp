@@ -33,10 +33,10 @@ TEST(CosineTransform, AgreesWithItsDefinition) {
       for (int l = 0; l < kLanes; ++l) {
         double sum = 0;
         for (int i = 0; i < n; ++i) {
-          sum += double(in[std::size_t(i * kLanes + l)]) * std::cos(kPiD * (2 * i + 1) * k / (2.0 * n));
+          sum += double(in[i * kLanes + l]) * std::cos(kPiD * (2 * i + 1) * k / (2.0 * n));
         }
         sum *= std::sqrt((k == 0 ? 1.0 : 2.0) / n);
-        worst = std::max(worst, std::abs(sum - double(out[std::size_t(k * kLanes + l)])));
+        worst = std::max(worst, std::abs(sum - double(out[k * kLanes + l])));
       }
     }
     EXPECT_LT(worst, 2e-6) << "length " << n;

@@ -34,7 +34,7 @@ TEST(MotionRuns, HoldEveryPairAndEveryMixedDifferenceOnce) {
       const auto expected = [&](int x, int y, int ex, int ey) {
         const Vec2<int> to = m.forward(x, y);
         if (to.x < 0 || x + ex >= w || y + ey >= h || to.x + ex >= w || to.y + ey >= h) return false;
-        if (voids && !sampled[std::size_t((to.y + ey) * w + to.x + ex)]) return false;
+        if (voids && !sampled[(to.y + ey) * w + to.x + ex]) return false;
         const Vec2<int> neighbor = m.forward(x + ex, y + ey);
         return !strict || (neighbor.x == to.x + ex && neighbor.y == to.y + ey);
       };

@@ -28,12 +28,12 @@ void rows_of_definition(const std::vector<PixelMap>& motion, const std::vector<s
         if (x + 1 < w) row(RowSet::kDx, t, y, x, 0, 0);
         if (y + 1 < h) row(RowSet::kDy, t, y, x, 0, 0);
         if (t + 1 == frames) continue;
-        const Vec2<int> to = motion[std::size_t(t)].forward(x, y);
+        const Vec2<int> to = motion[t].forward(x, y);
         if (to.x < 0) continue;
-        const auto& s = sampled[std::size_t(t)];
+        const auto& s = sampled[t];
         row(RowSet::kDt, t, y, x, to.x, to.y);
-        if (x + 1 < w && to.x + 1 < w && s[std::size_t(to.y * w + to.x + 1)]) row(RowSet::kDxDt, t, y, x, to.x, to.y);
-        if (y + 1 < h && to.y + 1 < h && s[std::size_t((to.y + 1) * w + to.x)]) {
+        if (x + 1 < w && to.x + 1 < w && s[to.y * w + to.x + 1]) row(RowSet::kDxDt, t, y, x, to.x, to.y);
+        if (y + 1 < h && to.y + 1 < h && s[(to.y + 1) * w + to.x]) {
           row(RowSet::kDyDt, t, y, x, to.x, to.y);
         }
       }
@@ -47,13 +47,13 @@ struct RandomSystem {
     for (int t = 0; t + 1 < frames; ++t) {
       motion.push_back(test::random_motion(w, h, std::uint64_t(t) + 11));
       sampled.push_back(test::random_mask(w, h, 0.95, std::uint64_t(t) + 70));
-      window.frames[std::size_t(t)]->motion = MotionRuns(motion.back(), {}, sampled.back());
+      window.frames[t]->motion = MotionRuns(motion.back(), {}, sampled.back());
     }
     for (int t = 0; t < frames; ++t) {
       for (int y = 0; y < h; ++y) {
         for (int c = 0; c < 3; ++c) {
           for (int s = 0; s < kRowSets; ++s) {
-            std::fill_n(window.frames[std::size_t(t)]->data(RowSet(s), y, c), w,
+            std::fill_n(window.frames[t]->data(RowSet(s), y, c), w,
                         std::numeric_limits<float>::quiet_NaN());
           }
           for (int x = 0; x < w; ++x) window.truth.row(t, y, c)[x] = float(test::normal(3, address(t, y, x, c)));
@@ -62,7 +62,7 @@ struct RandomSystem {
     }
     for_each([&](RowSet set, int t, int y, int x, int, int) {
       for (int c = 0; c < 3; ++c) {
-        window.frames[std::size_t(t)]->data(set, y, c)[x] =
+        window.frames[t]->data(set, y, c)[x] =
             float(test::normal(4, address(t, y, x, c) * kRowSets + std::uint64_t(set)));
       }
     });
@@ -86,7 +86,7 @@ std::vector<double> reference_descent(const RandomSystem& s, const PoissonSystem
     const double w2 = double(system.squared_weight(set, t, px, y));
     for (int c = 0; c < 3; ++c) {
       const auto entries = test::row_entries(set, t, y, px, to_x, to_y);
-      double r = b_factor * double(s.window.frames[std::size_t(t)]->data(set, y, c)[px]);
+      double r = b_factor * double(s.window.frames[t]->data(set, y, c)[px]);
       for (const RowEntry& e : entries) r -= x_factor * e.coefficient * double(x.row(e.t, e.y, c)[e.x]);
       for (const RowEntry& e : entries) out[s.address(e.t, e.y, e.x, c)] += e.coefficient * w2 * r;
     }
@@ -149,7 +149,7 @@ TEST(PoissonSystem, RowsAndColumnsAreAdjoint) {
       for (const RowEntry& e : test::row_entries(set, t, y, px, to_x, to_y)) {
         ax += e.coefficient * double(s.window.truth.row(e.t, e.y, c)[e.x]);
       }
-      const double v = ax * double(s.window.frames[std::size_t(t)]->data(set, y, c)[px]);
+      const double v = ax * double(s.window.frames[t]->data(set, y, c)[px]);
       ax_y += v, norm += std::abs(v);
     }
   });
@@ -177,7 +177,7 @@ TEST(PoissonSystem, WeightsAreThoseOfFairsLoss) {
   s.for_each([&](RowSet set, int t, int y, int px, int to_x, int to_y) {
     double n2 = 0;
     for (int c = 0; c < 3; ++c) {
-      double r = -double(s.window.frames[std::size_t(t)]->data(set, y, c)[px]);
+      double r = -double(s.window.frames[t]->data(set, y, c)[px]);
       for (const RowEntry& e : test::row_entries(set, t, y, px, to_x, to_y)) {
         r += e.coefficient * double(s.window.truth.row(e.t, e.y, c)[e.x]);
       }
@@ -203,7 +203,7 @@ TEST(PoissonSystem, PrecisionsMultiplySquaredWeights) {
       for (int set = 0; set < kRowSets; ++set) {
         std::vector<float> row;
         for (int x = 0; x < s.w; ++x) row.push_back(precision(RowSet(set), t, y, x));
-        s.window.frames[std::size_t(t)]->set_precision(RowSet(set), y, row);
+        s.window.frames[t]->set_precision(RowSet(set), y, row);
       }
     }
   }
@@ -219,7 +219,7 @@ TEST(PoissonSystem, PrecisionsMultiplySquaredWeights) {
   s.for_each([&](RowSet set, int t, int y, int px, int to_x, int to_y) {
     double n2 = 0;
     for (int c = 0; c < 3; ++c) {
-      double r = -double(s.window.frames[std::size_t(t)]->data(set, y, c)[px]);
+      double r = -double(s.window.frames[t]->data(set, y, c)[px]);
       for (const RowEntry& e : test::row_entries(set, t, y, px, to_x, to_y)) {
         r += e.coefficient * double(s.window.truth.row(e.t, e.y, c)[e.x]);
       }
@@ -253,7 +253,7 @@ TEST(Poisson, PrecisionsLowerTheError) {
           const double s = sigma(RowSet(set), x) / 0.02;
           row.push_back(float((set == 0 ? 25 : 1) / (s * s)));
         }
-        window.frames[std::size_t(t)]->set_precision(RowSet(set), y, row);
+        window.frames[t]->set_precision(RowSet(set), y, row);
       }
     }
   }
@@ -312,8 +312,8 @@ Window reversed(const Window& in, const std::vector<PixelMap>& motion) {
   const int w = in.truth.width(), h = in.truth.height(), n = in.truth.frames();
   Window out(w, h, n);
   for (int t = 0; t < n; ++t) {
-    const PoissonFrame& from = *in.frames[std::size_t(n - 1 - t)];
-    PoissonFrame& to = *out.frames[std::size_t(t)];
+    const PoissonFrame& from = *in.frames[n - 1 - t];
+    PoissonFrame& to = *out.frames[t];
     for (int y = 0; y < h; ++y) {
       for (int c = 0; c < 3; ++c) {
         for (const RowSet set : {RowSet::kPrimal, RowSet::kDx, RowSet::kDy}) {
@@ -322,8 +322,8 @@ Window reversed(const Window& in, const std::vector<PixelMap>& motion) {
       }
     }
     if (t + 1 == n) continue;
-    const PixelMap& m = motion[std::size_t(n - 2 - t)];
-    const PoissonFrame& pair = *in.frames[std::size_t(n - 2 - t)];
+    const PixelMap& m = motion[n - 2 - t];
+    const PoissonFrame& pair = *in.frames[n - 2 - t];
     PixelMap back(w, h);
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
@@ -356,7 +356,7 @@ TEST(Poisson, TimeReversalGivesTheSamePictures) {
   std::vector<PixelMap> motion;
   for (int t = 0; t + 1 < n; ++t) {
     motion.push_back(test::random_motion(w, h, std::uint64_t(t) + 31));
-    forward.frames[std::size_t(t)]->motion = MotionRuns(motion.back());
+    forward.frames[t]->motion = MotionRuns(motion.back());
   }
   test::set_data(forward, test::SampledNoise{1, 0.2, 0.01});
   const Window backward = reversed(forward, motion);
@@ -391,19 +391,19 @@ TEST(Poisson, MirroredDataGiveMirroredPictures) {
           if (m.link(x, y, x + 3, y - 2)) mirrored.link(from.x, from.y, to.x, to.y);
         }
       }
-      a.frames[std::size_t(t)]->motion = MotionRuns(m);
-      b.frames[std::size_t(t)]->motion = MotionRuns(mirrored);
+      a.frames[t]->motion = MotionRuns(m);
+      b.frames[t]->motion = MotionRuns(mirrored);
     }
     test::set_data(a, test::SampledNoise{1, 0.2, 0.01});
     for (int t = 0; t < n; ++t) {
-      PoissonFrame& to = *b.frames[std::size_t(t)];
-      test::for_each_row(*a.frames[std::size_t(t)], t + 1 == n, [&](RowSet set, int y, int x, int, int) {
+      PoissonFrame& to = *b.frames[t];
+      test::for_each_row(*a.frames[t], t + 1 == n, [&](RowSet set, int y, int x, int, int) {
         // A difference along the mirrored direction starts at the other of its two pixels and changes its sign.
         const bool along =
             horizontal ? set == RowSet::kDx || set == RowSet::kDxDt : set == RowSet::kDy || set == RowSet::kDyDt;
         const Vec2<int> at = mirror(along ? (horizontal ? Vec2<int>{x + 1, y} : Vec2<int>{x, y + 1}) : Vec2<int>{x, y});
         for (int c = 0; c < 3; ++c) {
-          const float v = a.frames[std::size_t(t)]->data(set, y, c)[x];
+          const float v = a.frames[t]->data(set, y, c)[x];
           to.data(set, at.y, c)[at.x] = along ? -v : v;
         }
       });
@@ -431,7 +431,7 @@ Window still_window(int w, int h, int n, std::uint64_t seed) {
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) still.link(x, y, x, y);
   }
-  for (int t = 0; t + 1 < n; ++t) window.frames[std::size_t(t)]->motion = MotionRuns(still);
+  for (int t = 0; t + 1 < n; ++t) window.frames[t]->motion = MotionRuns(still);
   test::set_data(window, test::SampledNoise{0.1, 0.02, 0, seed});
   return window;
 }
@@ -505,9 +505,9 @@ TEST(Poisson, BrightnessScalesThrough) {
   test::set_data(a, test::SampledNoise{});
   constexpr float kScale = 1024;
   for (int t = 0; t < 3; ++t) {
-    test::for_each_row(*a.frames[std::size_t(t)], t == 2, [&](RowSet set, int y, int x, int, int) {
+    test::for_each_row(*a.frames[t], t == 2, [&](RowSet set, int y, int x, int, int) {
       for (int c = 0; c < 3; ++c) {
-        b.frames[std::size_t(t)]->data(set, y, c)[x] = kScale * a.frames[std::size_t(t)]->data(set, y, c)[x];
+        b.frames[t]->data(set, y, c)[x] = kScale * a.frames[t]->data(set, y, c)[x];
       }
     });
   }
@@ -567,7 +567,7 @@ TEST(PoissonRows, OfPixelsAreThoseOfTheDefinition) {
   const auto place = [&](int g) { return std::array{g / (s.w * s.h), g / s.w % s.h, g % s.w}; };
   for (int g = 0; g < rows.pixels(); ++g) {
     const auto [t, y, px] = place(g);
-    for (int c = 0; c < 3; ++c) x[std::size_t(3 * g + c)] = s.window.truth.row(t, y, c)[px];
+    for (int c = 0; c < 3; ++c) x[3 * g + c] = s.window.truth.row(t, y, c)[px];
   }
   for (int set = 0; set < kRowSets; ++set) {
     for (int g = 0; g < rows.pixels(); ++g) {
@@ -586,11 +586,11 @@ TEST(PoissonRows, OfPixelsAreThoseOfTheDefinition) {
     const auto [t, y, px] = place(g);
     rows.for_each_row_of(g, [&](RowSet set, int row, float coefficient) {
       const auto [row_t, row_y, row_x] = place(row);
-      diagonal[std::size_t(g)] += double(system.squared_weight(set, row_t, row_x, row_y));
+      diagonal[g] += double(system.squared_weight(set, row_t, row_x, row_y));
       for (int c = 0; c < 3; ++c)
         out.row(t, y, c)[px] += coefficient * residual[3 * (std::size_t(set) * n + std::size_t(row)) + std::size_t(c)];
     });
-    EXPECT_NEAR(diagonal[std::size_t(g)] * double(system.inverse_diagonal(t, y)[px]), 1, 1e-5);
+    EXPECT_NEAR(diagonal[g] * double(system.inverse_diagonal(t, y)[px]), 1, 1e-5);
   }
   EXPECT_LT(relative_error(s, out, reference_descent(s, system, s.window.truth, 1, 1)), 1e-6);
 }

@@ -85,7 +85,7 @@ TEST(PoissonTheory, TheSolverHasTheErrorOfIndependentNoise) {
         for (int c = 0; c < 3; ++c) {
           for (int t = 0; t < kFrames; ++t) {
             std::copy_n(x.row(t, y, c) + x0, CosineTransform::kLanes,
-                        &series[std::size_t(t * CosineTransform::kLanes)]);
+                        &series[t * CosineTransform::kLanes]);
           }
           transform.forward(series.data(), scratch);
           for (std::size_t i = 0; i < series.size(); ++i) {
@@ -101,7 +101,7 @@ TEST(PoissonTheory, TheSolverHasTheErrorOfIndependentNoise) {
       };
       constexpr double kCount = 3.0 * kSize * kSize;
       const double expected = moment(1), sigma = std::sqrt(2 * moment(2) / kCount);
-      EXPECT_NEAR(power[std::size_t(k)] / kCount, expected, 4.5 * sigma) << "mode " << k;
+      EXPECT_NEAR(power[k] / kCount, expected, 4.5 * sigma) << "mode " << k;
       EXPECT_LT(4.5 * sigma, 0.25 * expected) << "the test can tell";
     }
   }

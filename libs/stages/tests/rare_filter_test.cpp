@@ -18,7 +18,7 @@ float noise(int t, int x, int y, int k) {
 struct Window {
   explicit Window(int frames) : solution(kSize, kSize, frames), frames_(std::size_t(frames)) {
     for (int t = 0; t < frames; ++t) {
-      RareFrame& f = frames_[std::size_t(t)];
+      RareFrame& f = frames_[t];
       f.light = {Image(kSize, kSize, 3), Image(kSize, kSize, 3)};
       f.dark = false;
       if (t > 0) {
@@ -30,7 +30,7 @@ struct Window {
       }
     }
   }
-  RareFrame& frame(int t) { return frames_[std::size_t(t)]; }
+  RareFrame& frame(int t) { return frames_[t]; }
   template <class F>
   void fill(F&& light) {
     for (int t = 0; t < solution.frames(); ++t) {
@@ -80,7 +80,7 @@ TEST(RareFilter, SmoothsNoiseAndKeepsTheMean) {
   const auto rare = [](int t, int x, int y, int k) { return noise(t, x, y, k) < 0.1f ? 1.0f : 0.0f; };
   w.fill(rare);
   double raw = 0;
-  for (int k = 0; k < 2; ++k) raw += 0.5 * mean(w.frame(1).light[std::size_t(k)]);
+  for (int k = 0; k < 2; ++k) raw += 0.5 * mean(w.frame(1).light[k]);
   const Image out = w.smooth(1);
   EXPECT_NEAR(mean(out), raw, 0.1 * raw);
   EXPECT_LT(mean_square(out, 0.1), 0.1 * 0.5 * 0.09) << "variance of the mean of both: half that of one";
@@ -125,7 +125,7 @@ TEST(RareFilter, FollowsMotion) {
     for (int y = 0; y < kSize; ++y) {
       for (int x = 6 + 3 * t; x < 9 + 3 * t; ++x) w.frame(t).object.at(x, y) = 2;
       for (int x = 0; x < kSize && t > 0; ++x)
-        w.frame(t).previous[std::size_t(y * kSize + x)] = x >= 3 ? y * kSize + x - 3 : -1;
+        w.frame(t).previous[y * kSize + x] = x >= 3 ? y * kSize + x - 3 : -1;
     }
   }
   const Image out = w.smooth(1);

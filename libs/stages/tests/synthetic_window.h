@@ -91,7 +91,7 @@ void set_data(Window& window, Noise&& noise) {
   const int frames = int(window.frames.size()), w = window.truth.width(), h = window.truth.height();
   parallel_for(0, frames, [&](std::int64_t n) {
     const int t = int(n);
-    PoissonFrame& f = *window.frames[std::size_t(t)];
+    PoissonFrame& f = *window.frames[t];
     for_each_row(f, t + 1 == frames, [&](RowSet set, int y, int x, int to_x, int to_y) {
       const std::vector<RowEntry> entries = row_entries(set, t, y, x, to_x, to_y);
       for (int c = 0; c < 3; ++c) {
@@ -133,14 +133,14 @@ inline Window pan_with_discs(int width, int height, int count, int discs = 14) {
   }
   const auto object_at = [&](int x, int y, int t) {
     for (int d = discs - 1; d >= 0; --d) {
-      const Disc& k = list[std::size_t(d)];
+      const Disc& k = list[d];
       const double dx = x - k.x - k.vx * t, dy = y - k.y - k.vy * t;
       if (dx * dx + dy * dy < k.radius * k.radius) return d;
     }
     return -1;
   };
   const auto velocity = [&](int d) {
-    return d < 0 ? Vec2<int>{3, 1} : Vec2<int>{list[std::size_t(d)].vx, list[std::size_t(d)].vy};
+    return d < 0 ? Vec2<int>{3, 1} : Vec2<int>{list[d].vx, list[d].vy};
   };
   parallel_for(0, count, [&](std::int64_t n) {
     const int t = int(n);
@@ -163,7 +163,7 @@ inline Window pan_with_discs(int width, int height, int count, int discs = 14) {
         }
       }
     }
-    if (t + 1 < count) window.frames[std::size_t(t)]->motion = MotionRuns(motion);
+    if (t + 1 < count) window.frames[t]->motion = MotionRuns(motion);
   });
   for (const auto& f : window.frames) window.linked += f->motion.count();
   return window;
@@ -175,7 +175,7 @@ inline PlanarFrames primal_data(const Window& window) {
   for (int t = 0; t < x.frames(); ++t) {
     for (int y = 0; y < x.height(); ++y) {
       for (int c = 0; c < 3; ++c) {
-        std::copy_n(window.frames[std::size_t(t)]->data(RowSet::kPrimal, y, c), x.width(), x.row(t, y, c));
+        std::copy_n(window.frames[t]->data(RowSet::kPrimal, y, c), x.width(), x.row(t, y, c));
       }
     }
   }

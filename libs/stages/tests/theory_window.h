@@ -25,7 +25,7 @@ inline Window noisy_window(const TheoryColumn& column, int size, int frames, std
     for (int x = 0; x < size; ++x) still.link(x, y, x, y);
   }
   Window window(size, size, frames);
-  for (int t = 0; t + 1 < frames; ++t) window.frames[std::size_t(t)]->motion = MotionRuns(still);
+  for (int t = 0; t + 1 < frames; ++t) window.frames[t]->motion = MotionRuns(still);
   if (!column.replayed) {
     set_data(window, [&](RowSet set, std::uint64_t address) {
       const double variance = set == RowSet::kPrimal ? m.primal
@@ -52,7 +52,7 @@ inline Window noisy_window(const TheoryColumn& column, int size, int frames, std
   };
   parallel_for(0, frames, [&](std::int64_t n) {
     const int t = int(n);
-    PoissonFrame& f = *window.frames[std::size_t(t)];
+    PoissonFrame& f = *window.frames[t];
     for_each_row(f, t + 1 == frames, [&](RowSet set, int y, int x, int, int) {
       const RowSet image = set >= RowSet::kDt ? RowSet(int(set) - int(RowSet::kDt)) : set;
       for (int c = 0; c < 3; ++c) {

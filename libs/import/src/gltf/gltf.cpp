@@ -150,10 +150,10 @@ void GltfImporter::build_nodes() {
     const Json children = nodes.at(i).object()["children"].array();
     for (std::size_t k = 0; k < children.size(); ++k) {
       const int child = children.at(k).index(n, "nodes");
-      if (gltf_parent_[std::size_t(child)] >= 0)
+      if (gltf_parent_[child] >= 0)
         children.at(k).fail(
-            fmt::format("nodes[{}] is a child of nodes[{}] already", child, gltf_parent_[std::size_t(child)]));
-      gltf_parent_[std::size_t(child)] = int(i);
+            fmt::format("nodes[{}] is a child of nodes[{}] already", child, gltf_parent_[child]));
+      gltf_parent_[child] = int(i);
     }
   }
   // Parents first. What is left after all roots and what hangs on them goes round in a circle.
@@ -164,20 +164,20 @@ void GltfImporter::build_nodes() {
     for (std::size_t k = 0; k < children.size(); ++k) order_.push_back(int(children.at(k).integer(0)));
   }
   scene_node_.assign(n, -1);
-  for (const int i : order_) scene_node_[std::size_t(i)] = 0;
+  for (const int i : order_) scene_node_[i] = 0;
   for (std::size_t i = 0; i < n; ++i)
     if (scene_node_[i] < 0) nodes.at(i).fail("is a descendant of itself");
 
   for (const int i : order_) {
     const Json json = nodes.at(std::size_t(i));
     Node node;
-    const int parent = gltf_parent_[std::size_t(i)];
-    node.parent = parent < 0 ? -1 : scene_node_[std::size_t(parent)];
+    const int parent = gltf_parent_[i];
+    node.parent = parent < 0 ? -1 : scene_node_[parent];
     node.name = json["name"].string();
     node.local = node_transform(json, i);
     node.visibility = node_visibility(json, i);
-    world_.push_back(node.parent < 0 ? node.local.at(0) : world_[std::size_t(node.parent)] * node.local.at(0));
-    scene_node_[std::size_t(i)] = add_node(std::move(node));
+    world_.push_back(node.parent < 0 ? node.local.at(0) : world_[node.parent] * node.local.at(0));
+    scene_node_[i] = add_node(std::move(node));
   }
 }
 
@@ -237,16 +237,16 @@ std::vector<int> GltfImporter::reachable_nodes() const {
     const Json roots = scenes.at(i).object()["nodes"].array();
     for (std::size_t k = 0; k < roots.size(); ++k) {
       const int node = roots.at(k).index(order_.size(), "nodes");
-      if (gltf_parent_[std::size_t(node)] >= 0)
+      if (gltf_parent_[node] >= 0)
         roots.at(k).fail(fmt::format("nodes[{}] is not a root: it has a parent", node));
-      if (int(i) == std::max(index, 0)) in_scene[std::size_t(node)] = 1;
+      if (int(i) == std::max(index, 0)) in_scene[node] = 1;
     }
   }
   std::vector<int> reachable;
   for (const int node : order_) {
-    const int parent = gltf_parent_[std::size_t(node)];
-    if (parent >= 0) in_scene[std::size_t(node)] = in_scene[std::size_t(parent)];
-    if (in_scene[std::size_t(node)]) reachable.push_back(node);
+    const int parent = gltf_parent_[node];
+    if (parent >= 0) in_scene[node] = in_scene[parent];
+    if (in_scene[node]) reachable.push_back(node);
   }
   return reachable;
 }
@@ -264,17 +264,17 @@ void GltfImporter::build_meshes(const std::vector<int>& nodes) {
       continue;
     }
     const int mesh = json["mesh"].index(meshes_.size(), "meshes");
-    const GltfMesh& m = meshes_[std::size_t(mesh)];
+    const GltfMesh& m = meshes_[mesh];
     const bool own_weights =
         m.targets > 0 && (json["weights"] || animations_.find(fmt::format("/nodes/{}/weights", node), m.targets));
     const Use use{node, {mesh, skin, own_weights ? node : -1}};
-    if (groups.emplace(use.key, kNotBuilt).second) ++keys_of_mesh[std::size_t(mesh)];
+    if (groups.emplace(use.key, kNotBuilt).second) ++keys_of_mesh[mesh];
     uses.push_back(use);
   }
   for (const Use& use : uses) {
     int& group = groups[use.key];
     if (group == kNotBuilt) {
-      std::vector<int> shapes = build_group(use.key, --keys_of_mesh[std::size_t(use.key.mesh)] == 0);
+      std::vector<int> shapes = build_group(use.key, --keys_of_mesh[use.key.mesh] == 0);
       group = shapes.empty() ? kDrawsNothing : int(scene_.groups.size());
       if (!shapes.empty()) scene_.groups.push_back(std::move(shapes));
     }
@@ -283,7 +283,7 @@ void GltfImporter::build_meshes(const std::vector<int>& nodes) {
 }
 
 std::vector<int> GltfImporter::build_group(const GroupKey& key, bool last_use) {
-  GltfMesh& source = meshes_[std::size_t(key.mesh)];
+  GltfMesh& source = meshes_[key.mesh];
   std::string mesh_name(source.json["name"].string());
   if (mesh_name.empty()) mesh_name = fmt::format("mesh{}", key.mesh);
 
@@ -356,7 +356,7 @@ Skin GltfImporter::bind_skin(Skin skin, int index, std::size_t max_joint, const 
   }
   skin.joints.resize(n);
   for (std::size_t i = 0; i < n; ++i) {
-    skin.joints[i].node = scene_node_[std::size_t(joints.at(i).index(scene_node_.size(), "nodes"))];
+    skin.joints[i].node = scene_node_[joints.at(i).index(scene_node_.size(), "nodes")];
     if (inverse_bind.empty()) continue;
     double m[16];
     for (std::size_t k = 0; k < 16; ++k) {
@@ -371,11 +371,11 @@ Skin GltfImporter::bind_skin(Skin skin, int index, std::size_t max_joint, const 
 /// A node for a skinned mesh at `node`: only joints move it (glTF 2.0, 3.7.3.3), but it is hidden with its ancestors.
 int GltfImporter::skinned_node(int node) {
   Animated<float> visibility{1.0f};
-  for (int i = node; i >= 0; i = gltf_parent_[std::size_t(i)])
-    visibility = visible_in_both(visibility, scene_.nodes[std::size_t(scene_node_[std::size_t(i)])].visibility);
+  for (int i = node; i >= 0; i = gltf_parent_[i])
+    visibility = visible_in_both(visibility, scene_.nodes[scene_node_[i]].visibility);
   if (visibility.is_constant() && visibility.at(0) >= 0.5f) return -1;
   Node root;
-  root.name = scene_.nodes[std::size_t(scene_node_[std::size_t(node)])].name;
+  root.name = scene_.nodes[scene_node_[node]].name;
   root.visibility = std::move(visibility);
   return add_node(std::move(root));
 }
@@ -384,9 +384,9 @@ void GltfImporter::add_instances(const Use& use, int group) {
   const Json json = node_json(use.node);
   Instance instance;
   instance.group = group;
-  instance.node = use.key.skin >= 0 ? skinned_node(use.node) : scene_node_[std::size_t(use.node)];
+  instance.node = use.key.skin >= 0 ? skinned_node(use.node) : scene_node_[use.node];
   instance.name = json["name"].string();
-  if (instance.name.empty()) instance.name = meshes_[std::size_t(use.key.mesh)].json["name"].string();
+  if (instance.name.empty()) instance.name = meshes_[use.key.mesh].json["name"].string();
   if (instance.name.empty()) instance.name = fmt::format("node{}", use.node);
   const Json gpu = json["extensions"].object()["EXT_mesh_gpu_instancing"].object();
   if (!gpu) {
@@ -440,15 +440,15 @@ void GltfImporter::add_gpu_instances(const Json& extension, const Instance& inst
 /// lights. A node's own scale is left out if it moves or is 0; any other, and that of the nodes above, is undone as it
 /// is at time 0. Returns -1 if that is not possible: the nodes above are singular then, or a matrix is.
 int GltfImporter::add_turned_child(int parent, const std::string& name) {
-  const AnimatedTransform& local = scene_.nodes[std::size_t(parent)].local;
+  const AnimatedTransform& local = scene_.nodes[parent].local;
   if (local.keyed && (!local.scale.is_constant() || is_singular(scale(local.scale.at(0))))) {
-    Node unscaled = scene_.nodes[std::size_t(parent)];
+    Node unscaled = scene_.nodes[parent];
     unscaled.local.scale = Vec3d{1, 1, 1};
-    const Affine3d above = unscaled.parent < 0 ? Affine3d{} : world_[std::size_t(unscaled.parent)];
+    const Affine3d above = unscaled.parent < 0 ? Affine3d{} : world_[unscaled.parent];
     const Affine3d world = above * unscaled.local.at(0);
     return add_turned_child(add_node(std::move(unscaled)), world, name);
   }
-  return add_turned_child(parent, world_[std::size_t(parent)], name);
+  return add_turned_child(parent, world_[parent], name);
 }
 
 int GltfImporter::add_turned_child(int parent, Affine3d m, const std::string& name) {
@@ -470,13 +470,13 @@ void GltfImporter::add_camera(int node, int camera) {
   const Json json = document_.list("cameras").at(std::size_t(camera)).object();
   const std::string pointer = fmt::format("/cameras/{}", camera);
   Camera c;
-  const Node& parent = scene_.nodes[std::size_t(scene_node_[std::size_t(node)])];
+  const Node& parent = scene_.nodes[scene_node_[node]];
   c.name = json["name"].string();
   const auto taken = [&](const Camera& other) { return other.name == c.name; };
   if (c.name.empty() || std::any_of(scene_.cameras.begin(), scene_.cameras.end(), taken)) c.name = parent.name;
   if (c.name.empty() || std::any_of(scene_.cameras.begin(), scene_.cameras.end(), taken))
     c.name = fmt::format("camera{}", scene_.cameras.size());
-  c.node = add_turned_child(scene_node_[std::size_t(node)], c.name);
+  c.node = add_turned_child(scene_node_[node], c.name);
   if (c.node < 0) return document_.warn("cameras at nodes with a singular transform are left out", node_json(node));
   c.keep_vertical_fov = true;
 
@@ -534,8 +534,8 @@ void GltfImporter::add_light(int node, int index) {
   else
     type.fail(fmt::format("\"{}\" is no light type; valid: point, spot, directional", type.string()));
   light.name = json["name"].string();
-  if (light.name.empty()) light.name = scene_.nodes[std::size_t(scene_node_[std::size_t(node)])].name;
-  light.node = add_turned_child(scene_node_[std::size_t(node)], light.name);
+  if (light.name.empty()) light.name = scene_.nodes[scene_node_[node]].name;
+  light.node = add_turned_child(scene_node_[node], light.name);
   if (light.node < 0) return document_.warn("lights at nodes with a singular transform are ignored", node_json(node));
 
   // See the header: Watts as Blender means them.

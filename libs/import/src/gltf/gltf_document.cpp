@@ -325,7 +325,7 @@ void GltfDocument::read_views() {
 
 GltfDocument::View GltfDocument::read_view(const Json& json) const {
   const int index = json["buffer"].index(buffers_.size(), "buffers");
-  const Buffer& buffer = buffers_[std::size_t(index)];
+  const Buffer& buffer = buffers_[index];
   const std::uint64_t offset = json["byteOffset"].integer(0), length = json["byteLength"].required().integer(0);
   if (length == 0) warn("buffer views without bytes are no valid glTF", json["byteLength"]);
   if (!buffer.missing.empty()) {
@@ -344,7 +344,7 @@ GltfDocument::View GltfDocument::read_view(const Json& json) const {
 }
 
 const GltfDocument::View& GltfDocument::view(int index) const {
-  const View& v = views_[std::size_t(index)];
+  const View& v = views_[index];
   v.asked_for = true;
   if (v.error) throw *v.error;
   return v;
@@ -414,7 +414,7 @@ void GltfDocument::read_accessor(const Json& json, Accessor& a) const {
 }
 
 const Accessor& GltfDocument::accessor(const Json& index, std::string_view shapes) const {
-  const Accessor& a = accessors_[std::size_t(index.index(accessors_.size(), "accessors"))];
+  const Accessor& a = accessors_[index.index(accessors_.size(), "accessors")];
   a.asked_for = true;
   if (a.error) throw *a.error;
   for (std::string_view rest = shapes; !rest.empty();) {

@@ -226,7 +226,7 @@ Mesh read_obj(std::string_view text, const std::string& file, Warnings& warnings
   text = skip_byte_order_mark(text);
   std::vector<Block> blocks = cut(text);
   parallel_for(0, std::int64_t(blocks.size()),
-               [&](std::int64_t i) { BlockParser(blocks[std::size_t(i)], text, file).parse(); });
+               [&](std::int64_t i) { BlockParser(blocks[i], text, file).parse(); });
   for (const Block& b : blocks)
     if (b.error) throw *b.error;
 

@@ -194,7 +194,7 @@ void Builder::add_shape(const Object& object) {
   if (shape < 0) return;
   Instance instance;
   instance.group = int(scene_.groups.size());
-  instance.name = scene_.shapes[std::size_t(shape)].name;
+  instance.name = scene_.shapes[shape].name;
   if (moves) instance.node = add_node(to_world, place(object, "to_world"), instance.name);
   scene_.groups.push_back({shape});
   scene_.instances.push_back(std::move(instance));
@@ -249,7 +249,7 @@ bool repair_colors(Mesh& mesh) {
 void Builder::read_meshes() {
   std::vector<std::optional<Error>> failed(jobs_.size());
   parallel_for(0, std::int64_t(jobs_.size()), [&](std::int64_t i) {
-    MeshJob& job = jobs_[std::size_t(i)];
+    MeshJob& job = jobs_[i];
     const Place& at = place(*job.object, "filename");
     try {
       Mesh mesh = job.read();
@@ -257,11 +257,11 @@ void Builder::read_meshes() {
       if (repair_colors(mesh))
         warn("vertex or face colors that are negative, infinite or not a number are read as 0", at);
       if (mesh.indices.empty()) warn("a mesh file without triangles is left out", at);
-      scene_.shapes[std::size_t(job.shape)].geometry = std::move(mesh);
+      scene_.shapes[job.shape].geometry = std::move(mesh);
     } catch (const Error& e) {
-      failed[std::size_t(i)] = e;
+      failed[i] = e;
     } catch (const std::bad_alloc&) {
-      failed[std::size_t(i)] = Error(ErrorCode::kOutOfMemory, document_.loc(at), "not enough memory for this mesh");
+      failed[i] = Error(ErrorCode::kOutOfMemory, document_.loc(at), "not enough memory for this mesh");
     }
     job.read = nullptr;  // frees what it holds
   });

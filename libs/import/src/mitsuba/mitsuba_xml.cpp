@@ -614,7 +614,7 @@ void Parser::parse_child(const pugi::xml_node& node, Object& parent, int depth) 
   } else if (tag == "path") {
     const Attributes a = attributes(node, {"value"}, {});
     const auto& [name, where] = a.at("value");
-    std::filesystem::path folder = named_file(document_.files_[std::size_t(file_)].path.parent_path(), name);
+    std::filesystem::path folder = named_file(document_.files_[file_].path.parent_path(), name);
     if (!std::filesystem::is_directory(folder)) folder = document_.find_file(name, at);
     if (!std::filesystem::is_directory(folder))
       fail(ErrorCode::kMissingFile, where, fmt::format("cannot find the folder \"{}\"", name));
@@ -652,7 +652,7 @@ const Object& Document::resolve(const Property& property) const {
 }
 
 SourceLoc Document::loc(const Place& place) const {
-  const File& file = files_[std::size_t(place.file)];
+  const File& file = files_[place.file];
   const auto line = std::upper_bound(file.line_starts.begin(), file.line_starts.end(), place.offset) - 1;
   return {file.path.string(), int(line - file.line_starts.begin()) + 1, int(place.offset - *line) + 1};
 }
@@ -662,7 +662,7 @@ std::filesystem::path Document::find_file(const std::string& name, const Place& 
   for (const std::filesystem::path& folder : folders_)
     if (std::filesystem::path file = named_file(folder, name); std::filesystem::exists(file, failed)) return file;
   // Parts that were included may also count from their own folder.
-  std::filesystem::path sibling = named_file(files_[std::size_t(place.file)].path.parent_path(), name);
+  std::filesystem::path sibling = named_file(files_[place.file].path.parent_path(), name);
   return std::filesystem::exists(sibling, failed) ? sibling : named_file(folders_.back(), name);
 }
 

@@ -87,7 +87,7 @@ class Document {
   /// Whether some object refers to `id`.
   bool is_referenced(const std::string& id) const { return referenced_.contains(id); }
   /// Whether the file of `place` was written for Mitsuba 0.x.
-  bool is_legacy(const Place& place) const { return files_[std::size_t(place.file)].legacy; }
+  bool is_legacy(const Place& place) const { return files_[place.file].legacy; }
   SourceLoc loc(const Place& place) const;
   /// An existing file for `name`, looked for in the scene's search folders; else the first place looked at.
   std::filesystem::path find_file(const std::string& name, const Place& place) const;

@@ -42,8 +42,8 @@ Sky::Sky(const SunSkyParams& params) : sun_(params.sun_direction) {
         const double share = (albedo ? params.albedo[c] : 1 - params.albedo[c]) * (t ? upper : 1 - upper);
         for (int p = 0; p < 6; ++p) {
           for (int i = 0; i < 9; ++i)
-            coefficients_[c][i] += share * weights[std::size_t(p)] * sunsky::kSkyShape[c][albedo][turbidity + t][p][i];
-          mean_[c] += share * weights[std::size_t(p)] * sunsky::kSkyMean[c][albedo][turbidity + t][p];
+            coefficients_[c][i] += share * weights[p] * sunsky::kSkyShape[c][albedo][turbidity + t][p][i];
+          mean_[c] += share * weights[p] * sunsky::kSkyMean[c][albedo][turbidity + t][p];
         }
       }
     }

@@ -146,7 +146,7 @@ TEST_F(Gltf, WeightsForOtherNumbersOfTargets) {
     Buffer buffer;
     const int times = buffer.floats({0, 1}, "SCALAR");
     std::vector<float> weights(std::size_t(2 * given), 0.0f);
-    weights[std::size_t(given)] = 0.5f;  // of the first target, at 1 s
+    weights[given] = 0.5f;  // of the first target, at 1 s
     const int output = buffer.floats(weights, "SCALAR"), shift = buffer.floats({0, 0, 1, 0, 0, 1, 0, 0, 1}, "VEC3");
     const Scene scene = load(
         triangle(buffer, "",

@@ -49,8 +49,8 @@ TEST_F(Gltf, SamplesLoadWithExpectedCounts) {
     const Scene scene = load_sample(root / sample.file);
     std::size_t triangles = 0;
     for (std::size_t i = 0; i < scene.instances.size(); ++i)
-      for (const int s : scene.groups[std::size_t(scene.instances[i].group)])
-        triangles += std::get<Mesh>(scene.shapes[std::size_t(s)].geometry).triangle_count();
+      for (const int s : scene.groups[scene.instances[i].group])
+        triangles += std::get<Mesh>(scene.shapes[s].geometry).triangle_count();
     EXPECT_EQ(triangles, sample.triangles);
     EXPECT_EQ(scene.instances.size(), sample.instances);
     EXPECT_EQ(scene.shapes.size(), sample.shapes);
@@ -68,7 +68,7 @@ TEST_F(Gltf, InterpolationsMatchHandEvaluatedValues) {
   if (!fs::exists(file)) GTEST_SKIP();
   const Scene scene = load_sample(file);  // nine clips on nine nodes play together
   const auto local = [&](const char* node, double t) {
-    return scene.nodes[std::size_t(node_named(scene, node))].local.at(t);
+    return scene.nodes[node_named(scene, node)].local.at(t);
   };
   const auto scale_of = [&](const char* node, double t) { return length(local(node, t).x); };
   // Scale keys 1, 0.5, 1, ... at 1/24, 10/24, 21/24 s.

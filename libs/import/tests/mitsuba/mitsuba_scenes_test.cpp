@@ -109,8 +109,8 @@ TEST_P(PublishedScenes, ImportWithTheirParts) {
   std::size_t triangles = 0, emitting = 0, shapes = 0;
   std::set<const Material*> materials;
   for (const Instance& i : s.instances) {
-    for (const int index : s.groups[std::size_t(i.group)]) {
-      const Shape& shape = s.shapes[std::size_t(index)];
+    for (const int index : s.groups[i.group]) {
+      const Shape& shape = s.shapes[index];
       ++shapes;
       if (const auto* m = std::get_if<Mesh>(&shape.geometry)) triangles += m->triangle_count();
       materials.insert(shape.material.get());

@@ -40,7 +40,7 @@ TEST(AdaptiveSampling, NoiseGetsSamples) {
   const int w = 64, h = 48;
   std::vector<PixelNoise> noise(w * h, {1e-5f, 1, 8});
   for (int y = 10; y < 20; ++y) {
-    for (int x = 0; x < 12; ++x) noise[std::size_t(y * w + x)].variance = 1e-2f;  // up to the left border
+    for (int x = 0; x < 12; ++x) noise[y * w + x].variance = 1e-2f;  // up to the left border
   }
   noise[30 * w + 40].variance = 1;  // one wild estimate: the median leaves it out
   noise[40 * w + 40].variance = std::numeric_limits<float>::quiet_NaN();
@@ -58,7 +58,7 @@ TEST(AdaptiveSampling, BrightnessForgivesNoise) {
   const int w = 40, h = 20;
   std::vector<PixelNoise> noise(w * h);
   for (int y = 0; y < h; ++y) {
-    for (int x = 0; x < w; ++x) noise[std::size_t(y * w + x)] = {1e-3f, x < w / 2 ? 0.5f : 2.0f, 8};
+    for (int x = 0; x < w; ++x) noise[y * w + x] = {1e-3f, x < w / 2 ? 0.5f : 2.0f, 8};
   }
   const auto ratio = [&](bool by_luminance) {
     AdaptiveOptions o = options(Mode::kPublished);

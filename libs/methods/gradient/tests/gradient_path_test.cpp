@@ -60,7 +60,7 @@ Agreement compare(const BoxShot& shot, int spp, int reference_spp) {
       for (int x = 0; x + dx < w; ++x) {
         for (int c = 0; c < 3; ++c) {
           const std::size_t i = std::size_t((y * w + x) * 3 + c), j = std::size_t(((y + dy) * w + x + dx) * 3 + c);
-          const Estimate& e = g[std::size_t(k)];
+          const Estimate& e = g[k];
           const double variance = e.variance[i] + color.variance[i] + color.variance[j];
           const double z = (e.mean[i] - (color.mean[j] - color.mean[i])) / std::sqrt(variance + 1e-12);
           a.z += z, a.z2 += z * z, ++a.n;

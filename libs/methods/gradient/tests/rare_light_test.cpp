@@ -31,12 +31,12 @@ struct WorkFrame {
     one[0] = Rgb(1.0f);
     Rgb sum;
     for (int i = 0; i < count; ++i) {
-      const SampleParts& sample = std::size_t(i) < common.size() ? common[std::size_t(i)] : one;
+      const SampleParts& sample = std::size_t(i) < common.size() ? common[i] : one;
       pixel.common.add(sample);
       sum += sample[0];
     }
-    for (int k = 0; k < estimates; ++k) pixel.estimates[std::size_t(k)].count = count / estimates;
-    for (const Rgb& r : rare) pixel.estimates[std::size_t(estimates - 1)].add(r), sum += r;
+    for (int k = 0; k < estimates; ++k) pixel.estimates[k].count = count / estimates;
+    for (const Rgb& r : rare) pixel.estimates[estimates - 1].add(r), sum += r;
     frame.layer(prefix + "color").set_rgb(x, y, sum * (1 / float(count)));
     store_rare(pixel, count, prefix, x, y, frame);
   }

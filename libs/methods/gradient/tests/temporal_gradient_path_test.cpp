@@ -67,7 +67,7 @@ TEST(TemporalGradientPath, FollowsAPan) {
   const double step = 3 * 2.0 / 32;  // world units of three pixels
   pan.translation = {{-4, 4}, {Vec3d{-4 * step, 0, 5}, Vec3d{4 * step, 0, 5}}, Interpolation::kLinear};
   pan.rotation = axis_angle(Vec3d{0, 1, 0}, kPiD);  // cameras look along +z
-  shot.scene.nodes[std::size_t(shot.scene.cameras[0].node)].local = pan;
+  shot.scene.nodes[shot.scene.cameras[0].node].local = pan;
   shot.parameters = "max_depth=2";
   const TestShot t = temporal(shot, 4);
   const Frame before = t.render(0), now = t.render(1);
@@ -104,7 +104,7 @@ TEST(TemporalGradientPath, FollowsPartsOfPixels) {
   pan.keyed = true;
   pan.translation = {{-1, 1}, {Vec3d{-10 * pixel / 3, 0, 5}, Vec3d{10 * pixel / 3, 0, 5}}, Interpolation::kLinear};
   pan.rotation = axis_angle(Vec3d{0, 1, 0}, kPiD);
-  shot.scene.nodes[std::size_t(shot.scene.cameras[0].node)].local = pan;
+  shot.scene.nodes[shot.scene.cameras[0].node].local = pan;
   const auto difference = [&](const std::string& parameters, FilterKind filter) {
     shot.parameters = "max_depth=1," + parameters;
     shot.settings.filter = PixelFilter(filter);
@@ -156,7 +156,7 @@ TEST(TemporalGradientPath, NeverCrossesObjects) {
       if (source.at(x, y, 2) == 0) continue;
       const int sx = int(source.at(x, y, 0)), sy = int(source.at(x, y, 1));
       EXPECT_EQ(now.layer("object_id").at(x, y), before.layer("object_id").at(sx, sy)) << x << " " << y;
-      EXPECT_EQ(used[std::size_t(sy * 32 + sx)]++, 0);
+      EXPECT_EQ(used[sy * 32 + sx]++, 0);
       ++replayed;
       on_card += now.layer("object_id").at(x, y) == 2;
     }

@@ -35,10 +35,8 @@ template <class T>
 T hermite(const T& p0, const T& m0, const T& p1, const T& m1, double s) {
   const double s2 = s * s, s3 = s2 * s;
   const double a = 2 * s3 - 3 * s2 + 1, b = s3 - 2 * s2 + s, c = -2 * s3 + 3 * s2, d = s3 - s2;
-  using F = std::conditional_t < requires(T t) { t * 1.0; }
-  &&!requires(T t) { t.r; }
-  , double, float > ;
-  return p0 * F(a) + m0 * F(b) + p1 * F(c) + m1 * F(d);
+  using F = std::conditional_t<std::is_same_v<T, Rgb>, float, double>;
+  return T(p0 * F(a) + m0 * F(b) + p1 * F(c) + m1 * F(d));
 }
 inline Vec3f hermite(const Vec3f& p0, const Vec3f& m0, const Vec3f& p1, const Vec3f& m1, double s) {
   return Vec3f(hermite(Vec3d(p0), Vec3d(m0), Vec3d(p1), Vec3d(m1), s));

@@ -56,10 +56,10 @@ class Section {
   const std::vector<Tile>& tiles() const { return tiles_; }
   Frame& picture(int frame);
 
-  std::int64_t units(int pass) const { return std::int64_t(done_[std::size_t(pass)].size()); }
+  std::int64_t units(int pass) const { return std::int64_t(done_[pass].size()); }
   std::int64_t units() const;
   std::int64_t units_done() const;
-  bool is_done(int pass, std::int64_t number) const { return done_[std::size_t(pass)][std::size_t(number)] != 0; }
+  bool is_done(int pass, std::int64_t number) const { return done_[pass][number] != 0; }
   bool is_done(int pass) const;
   bool is_done() const { return units_done() == units(); }
   /// Unit `number` of a pass, as Method::run takes it. Tiles are numbered frame by frame.

@@ -77,7 +77,7 @@ class MotionRuns {
  private:
   static std::span<const MotionRun> row(const std::vector<MotionRun>& runs, const std::vector<std::uint32_t>& begin,
                                         int y) {
-    return {runs.data() + begin[std::size_t(y)], runs.data() + begin[std::size_t(y) + 1]};
+    return {runs.data() + begin[y], runs.data() + begin[std::size_t(y) + 1]};
   }
   std::vector<MotionRun> from_, to_;
   std::vector<std::uint32_t> from_begin_, to_begin_;

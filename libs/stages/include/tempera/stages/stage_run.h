@@ -62,7 +62,7 @@ class StageRun {
   std::span<const SequenceDesc> in() const { return in_; }
   /// Frames to make, in ascending order.
   const std::vector<int>& frames() const { return frames_; }
-  std::string path(int frame, int port = 0) const { return files_[std::size_t(port)].path(frame); }
+  std::string path(int frame, int port = 0) const { return files_[port].path(frame); }
   /// The layers of a frame that the stage declares, as far as its file has them, with its metadata. Pre: it is among
   /// the declared inputs. Errors: Error{kBadInput} for another size or a missing layer; those of read_frame.
   Frame read(int frame, int port = 0) const;

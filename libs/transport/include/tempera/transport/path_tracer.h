@@ -175,7 +175,7 @@ struct Tally {
     if (classes.empty()) return;
     std::uint32_t members = classifier.classes(state);
     if (members == 0) classes.back() += c;
-    for (; members; members &= members - 1) classes[std::size_t(std::countr_zero(members))] += c;
+    for (; members; members &= members - 1) classes[std::countr_zero(members)] += c;
   }
 };
 
