@@ -383,8 +383,7 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
 
   bool main_part = false;
   for (const int part : used) {
-    if (part > 0)
-      main_part = main_part || is_main_part(f.parts[part].get_string_attribute("oiio:subimagename"));
+    if (part > 0) main_part = main_part || is_main_part(f.parts[part].get_string_attribute("oiio:subimagename"));
   }
   std::set<std::string> seen;
   for (const int part : used) {

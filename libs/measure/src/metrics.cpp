@@ -126,8 +126,8 @@ double encoded_ssim(const Image& test, const Image& reference) {
           }
         };
         for (int i = -kRadius; i <= kRadius; ++i) {
-          add_row(taps[i + kRadius], test.row(int(y) + i), reference.row(int(y) + i), column[0], column[1],
-                  column[2], column[3], column[4]);
+          add_row(taps[i + kRadius], test.row(int(y) + i), reference.row(int(y) + i), column[0], column[1], column[2],
+                  column[3], column[4]);
         }
         for (std::size_t s = 0; s < kSums; ++s) {
           float* const out = window[s];

@@ -477,8 +477,7 @@ class JobRender {
     set_render_info(m, info);
     m[kFingerprintKey] = fingerprint(q_.shot, q_.scene, frame);
     const RenderSettings& s = q_.shot.settings;
-    if (const double aspect = q_.scene.cameras[s.camera].pixel_aspect; aspect != 1)
-      m[kPixelAspectKey] = aspect;
+    if (const double aspect = q_.scene.cameras[s.camera].pixel_aspect; aspect != 1) m[kPixelAspectKey] = aspect;
     if (s.crop_width > 0) {  // layers of pixel indices count in the full picture
       m["tempera/crop_left"] = s.crop_x;
       m["tempera/crop_top"] = s.crop_y;

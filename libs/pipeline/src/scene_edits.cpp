@@ -326,8 +326,7 @@ namespace {
 
 bool emits(const Scene& scene, const Instance& instance) {
   const auto& group = scene.groups[instance.group];
-  return std::any_of(group.begin(), group.end(),
-                     [&](int s) { return scene.shapes[s].emission.has_value(); });
+  return std::any_of(group.begin(), group.end(), [&](int s) { return scene.shapes[s].emission.has_value(); });
 }
 
 /// Emitting instances that `name` means: objects, or all that use a shape of that name.

@@ -305,8 +305,7 @@ void settle_classes(const ShotConfig& config, RenderSettings& s) {
     throw Error(
         ErrorCode::kBadInput, locs[overlap->second],
         fmt::format("the classes \"{}\" and \"{}\" overlap: both hold the path {}; parts of a decomposition must not",
-                    s.classes[overlap->first].name, s.classes[overlap->second].name,
-                    overlap->witness));
+                    s.classes[overlap->first].name, s.classes[overlap->second].name, overlap->witness));
   }
 }
 

@@ -160,8 +160,7 @@ std::vector<int> find_cuts(const Scene& scene, const RenderSettings& settings, c
     Change usual;
     for (int g = std::max(begin, f - around); g <= std::min(end - 1, f + around); ++g) {
       if (g == f) continue;
-      usual = {std::max(usual.distance, steps[g - begin].distance),
-               std::max(usual.angle, steps[g - begin].angle)};
+      usual = {std::max(usual.distance, steps[g - begin].distance), std::max(usual.angle, steps[g - begin].angle)};
     }
     constexpr double kFarther = 8;
     return (step.distance > noticeable.distance && step.distance > kFarther * usual.distance) ||

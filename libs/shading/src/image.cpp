@@ -239,9 +239,7 @@ class PagedImage final : public Image {
       cache_->geterror();
   }
   int page_levels() const override { return int(pages_.size()); }
-  void page_size(int level, int& w, int& h) const override {
-    w = pages_[level].width, h = pages_[level].height;
-  }
+  void page_size(int level, int& w, int& h) const override { w = pages_[level].width, h = pages_[level].height; }
 
   Texel mean() const override {
     std::call_once(mean_once_, [this] {

@@ -258,8 +258,7 @@ void PoissonSystem::descend(const PlanarFrames& x, PlanarFrames& out, ChannelSum
         for (int c = 0; c < 3; ++c) {
           float* o = out.row(t, y, c);
           if constexpr (kData) negate(o, w);
-          add_dots(x.row(t, y, c), o, inverse_diagonal(t, y), out.stride(), sum[c],
-                   sum[std::size_t(c) + 3]);
+          add_dots(x.row(t, y, c), o, inverse_diagonal(t, y), out.stride(), sum[c], sum[std::size_t(c) + 3]);
         }
       }
     }

@@ -109,10 +109,8 @@ RareFilter::Guides RareFilter::make_guides(int t) const {
             for (int c = 0; c < 3; ++c) guide.light[k][c] = light[c] / albedo[c];
           }
           common[i] = std::max(least, luminance(Rgb(r[x], g[x], b[x])));
-          for (int c = 0; c < 3 && !f.normal.empty(); ++c)
-            guide.features[c] = f.normal.at(x, y, c) / kNormal;
-          for (int c = 0; c < 3 && !f.albedo.empty(); ++c)
-            guide.features[3 + c] = f.albedo.at(x, y, c) / kAlbedo;
+          for (int c = 0; c < 3 && !f.normal.empty(); ++c) guide.features[c] = f.normal.at(x, y, c) / kNormal;
+          for (int c = 0; c < 3 && !f.albedo.empty(); ++c) guide.features[3 + c] = f.albedo.at(x, y, c) / kAlbedo;
           guide.features[6] = std::log(common[i]) / kCommon;
           guide.object = f.object.empty() ? 0 : f.object.at(x, y);
         }

@@ -10,7 +10,8 @@
 //
 // `color` is the solution, with the input's alpha. With rare light apart it has no negative values, and `color.common`
 // and `color.rare` are its two parts, the second one before it was smoothed; the metadata tempera/rare_light and
-// tempera/held_back are the shares of these lights. Source: [Manzi 2016, Sec. 3.3, 4.2, 5].
+// tempera/held_back are the shares of these lights. Light-path classes whose differences are there are solved each by
+// itself, with all of their light, in the same windows. Source: [Manzi 2016, Sec. 3.3, 4.2, 5].
 #include "tempera/stages/reconstruct.h"
 
 #include <fmt/format.h>
@@ -118,8 +119,9 @@ struct WindowGrid {
 /// Parameters in the form in which the stage needs them.
 struct Settings {
   /// `two_passes`: whether the frames have an offset pass; without it there is nothing that windows could share.
-  /// `rare`: whether they have the layers of rare light.
-  Settings(const Params& p, bool two_passes, bool rare) : temporal(two_passes) {
+  /// `rare`: whether they have the layers of rare light. `class_names`: of those that have differences.
+  Settings(const Params& p, bool two_passes, bool rare, std::vector<std::string> class_names = {})
+      : temporal(two_passes), classes(std::move(class_names)) {
     poisson = p.get_string("schedule") == "published" ? PoissonSettings::published() : PoissonSettings{};
     poisson.norm = p.get_string("norm") == "l1" ? PoissonNorm::kL1 : PoissonNorm::kL2;
     if (p.get_string("device") == "cuda") poisson.device = PoissonDevice::kCuda;
@@ -159,10 +161,11 @@ struct Settings {
   WindowGrid grid() const { return {window, window - overlap}; }
   PoissonSettings poisson;
   MotionRunOptions runs;
-  bool temporal;          ///< whether the frames have an offset pass
-  bool weighted = false;  ///< whether differences are weighted by their variance
-  bool apart = false;     ///< whether rare light is solved for apart
-  bool parts = false;     ///< whether both parts are written
+  bool temporal;                     ///< whether the frames have an offset pass
+  bool weighted = false;             ///< whether differences are weighted by their variance
+  bool apart = false;                ///< whether rare light is solved for apart
+  bool parts = false;                ///< whether both parts are written
+  std::vector<std::string> classes;  ///< light-path classes that are solved for, too
   int window = 10, overlap = 5;
 };
 
@@ -179,11 +182,17 @@ struct Pass {
   Image color, grad_x, grad_y;
 };
 
+/// What a sequence of pictures is solved from, in one frame.
+struct PassPair {
+  Pass base, offset;  ///< offset: empty images without an offset pass
+};
+
 /// What a file holds for the reconstruction.
 struct Input {
   std::string path;
   int frame = 0;
-  Pass base, offset;  ///< offset: empty images without an offset pass
+  PassPair light;                 ///< all of it, or without rare light
+  std::vector<PassPair> classes;  ///< of each of Settings::classes
   /// Rare light among theirs, and what of it is held back; empty unless it is solved for apart.
   Pass base_rare, offset_rare;
   Image base_held, offset_held;
@@ -193,7 +202,7 @@ struct Input {
   Image source;
   std::vector<std::uint8_t> sampled;  ///< pixels of the offset pass that have samples; empty without that pass
   bool is_sampled(int x, int y) const {
-    return !sampled.empty() && sampled[std::size_t(y) * std::size_t(base.color.width()) + std::size_t(x)] != 0;
+    return !sampled.empty() && sampled[std::size_t(y) * std::size_t(light.base.color.width()) + std::size_t(x)] != 0;
   }
   int crop_left = 0, crop_top = 0;  ///< of the file in the full picture
   bool cropped = false;
@@ -239,6 +248,10 @@ void check_finite(const std::string& path, const std::string& layer, const Image
 /// Layers that are read of each frame. `why`: what frames need to have them.
 std::vector<LayerUse> layers_read(const Settings& settings) {
   std::vector<LayerDesc> required{layers::color(), layers::grad_x(), layers::grad_y()};
+  for (const std::string& name : settings.classes) {
+    for (const LayerDesc& d : {layers::color(), layers::grad_x(), layers::grad_y()})
+      required.push_back(layers::class_layer(name, d));
+  }
   if (settings.apart) {
     for (const LayerDesc& d :
          {layers::rare_color(), layers::rare_grad_x(), layers::rare_grad_y(), layers::held_color()})
@@ -288,11 +301,16 @@ class Reader {
     const auto take_pass = [&](const std::string& prefix) {
       return Pass{take(prefix + "color", 3), take(prefix + "grad.x", 3), take(prefix + "grad.y", 3)};
     };
-    in.base = take_pass("");
     const auto all = [](int, int) { return true; };
-    check_finite(in.path, "color", in.base.color, width_, height_, all);
-    check_finite(in.path, "grad.x", in.base.grad_x, width_ - 1, height_, all);
-    check_finite(in.path, "grad.y", in.base.grad_y, width_, height_ - 1, all);
+    const auto take_base = [&](const std::string& prefix) {
+      Pass pass = take_pass(prefix);
+      check_finite(in.path, prefix + "color", pass.color, width_, height_, all);
+      check_finite(in.path, prefix + "grad.x", pass.grad_x, width_ - 1, height_, all);
+      check_finite(in.path, prefix + "grad.y", pass.grad_y, width_, height_ - 1, all);
+      return pass;
+    };
+    in.light.base = take_base("");
+    for (const std::string& name : settings_.classes) in.classes.push_back({take_base("class." + name + "."), {}});
     in.camera = metadata_value<std::string>(file.metadata, kCameraKey).value_or("");
     const auto left = metadata_value<int>(file.metadata, kCropLeftKey),
                top = metadata_value<int>(file.metadata, kCropTopKey);
@@ -316,7 +334,6 @@ class Reader {
     }
     if (!temporal) return in;
 
-    in.offset = take_pass("offset.");
     in.source = take(layers::offset(layers::source()).name, 3);
     const Image* counts = file.find(samples) ? &file.layer(samples) : nullptr;
     in.sampled.resize(std::size_t(width_) * std::size_t(height_));
@@ -326,11 +343,18 @@ class Reader {
       }
     }
     const auto here = [&](int x, int y) { return in.is_sampled(x, y); };
-    check_finite(in.path, "offset.color", in.offset.color, width_, height_, here);
-    check_finite(in.path, "offset.grad.x", in.offset.grad_x, width_ - 1, height_,
-                 [&](int x, int y) { return here(x, y) && here(x + 1, y); });
-    check_finite(in.path, "offset.grad.y", in.offset.grad_y, width_, height_ - 1,
-                 [&](int x, int y) { return here(x, y) && here(x, y + 1); });
+    const auto take_offset = [&](const std::string& prefix) {
+      Pass pass = take_pass(prefix);
+      check_finite(in.path, prefix + "color", pass.color, width_, height_, here);
+      check_finite(in.path, prefix + "grad.x", pass.grad_x, width_ - 1, height_,
+                   [&](int x, int y) { return here(x, y) && here(x + 1, y); });
+      check_finite(in.path, prefix + "grad.y", pass.grad_y, width_, height_ - 1,
+                   [&](int x, int y) { return here(x, y) && here(x, y + 1); });
+      return pass;
+    };
+    in.light.offset = take_offset("offset.");
+    for (std::size_t k = 0; k < in.classes.size(); ++k)
+      in.classes[k].offset = take_offset("offset.class." + settings_.classes[k] + ".");
     if (rare) take_rare(in, "offset.", in.offset_rare, in.offset_held, take_pass, take);
     return in;
   }
@@ -382,7 +406,7 @@ PixelMap replay_map(const Input& in, int width, int height) {
 }
 
 /// Primal and spatial data of a frame: means of the two passes where both have samples. [Manzi 2016, Sec. 4.2.1]
-void combine_passes(const Input& in, PoissonFrame& out) {
+void combine_passes(const Input& in, const PassPair& light, PoissonFrame& out) {
   const int w = out.width(), h = out.height();
   parallel_for(
       0, h,
@@ -394,9 +418,10 @@ void combine_passes(const Input& in, PoissonFrame& out) {
         };
         for (int x = 0; x < w; ++x) {
           const bool here = in.is_sampled(x, y);
-          set_row(RowSet::kPrimal, x, in.base.color, in.offset.color, here);
-          if (x + 1 < w) set_row(RowSet::kDx, x, in.base.grad_x, in.offset.grad_x, here && in.is_sampled(x + 1, y));
-          if (y + 1 < h) set_row(RowSet::kDy, x, in.base.grad_y, in.offset.grad_y, here && in.is_sampled(x, y + 1));
+          const auto& [base, offset] = light;
+          set_row(RowSet::kPrimal, x, base.color, offset.color, here);
+          if (x + 1 < w) set_row(RowSet::kDx, x, base.grad_x, offset.grad_x, here && in.is_sampled(x + 1, y));
+          if (y + 1 < h) set_row(RowSet::kDy, x, base.grad_y, offset.grad_y, here && in.is_sampled(x, y + 1));
         }
       },
       8);
@@ -404,7 +429,7 @@ void combine_passes(const Input& in, PoissonFrame& out) {
 
 /// Variances of the spatial data that combine_passes makes: the passes of a frame are independent estimates of the
 /// same.
-DataVariance variance_between_passes(const Input& in, int w, int h) {
+DataVariance variance_between_passes(const Input& in, const PassPair& light, int w, int h) {
   DataVariance out{Image(w, h, 1), Image(w, h, 1)};
   parallel_for(
       0, h,
@@ -416,8 +441,9 @@ DataVariance variance_between_passes(const Input& in, int w, int h) {
         };
         for (int x = 0; x < w; ++x) {
           const bool here = in.is_sampled(x, y);
-          set_row(out.dx, x, in.base.grad_x, in.offset.grad_x, here && x + 1 < w && in.is_sampled(x + 1, y));
-          set_row(out.dy, x, in.base.grad_y, in.offset.grad_y, here && y + 1 < h && in.is_sampled(x, y + 1));
+          const auto& [base, offset] = light;
+          set_row(out.dx, x, base.grad_x, offset.grad_x, here && x + 1 < w && in.is_sampled(x + 1, y));
+          set_row(out.dy, x, base.grad_y, offset.grad_y, here && y + 1 < h && in.is_sampled(x, y + 1));
         }
       },
       8);
@@ -426,7 +452,7 @@ DataVariance variance_between_passes(const Input& in, int w, int h) {
 
 /// Temporal and mixed data of a frame: its base pass taken from the offset pass of the next one.
 /// [Manzi 2016, Sec. 4.2.1]
-void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
+void subtract_passes(const Pass& base, const Pass& next, PoissonFrame& out) {
   parallel_for(
       0, out.height(),
       [&](std::int64_t row) {
@@ -437,9 +463,9 @@ void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
             for (int c = 0; c < 3; ++c) out.data(set, y, c)[x] = d[c];
           };
           for (int i = 0; i < r.length; ++i) {
-            set_row(RowSet::kDt, r.x + i, base.color, next.offset.color);
-            if (i < r.mixed_x) set_row(RowSet::kDxDt, r.x + i, base.grad_x, next.offset.grad_x);
-            if (r.mixed_y) set_row(RowSet::kDyDt, r.x + i, base.grad_y, next.offset.grad_y);
+            set_row(RowSet::kDt, r.x + i, base.color, next.color);
+            if (i < r.mixed_x) set_row(RowSet::kDxDt, r.x + i, base.grad_x, next.grad_x);
+            if (r.mixed_y) set_row(RowSet::kDyDt, r.x + i, base.grad_y, next.grad_y);
           }
         }
       },
@@ -459,7 +485,8 @@ struct LightShares {
 
 /// Takes the rare light out of the passes of a frame. Adds to `shares` what it finds.
 RareFrame take_rare_light(Input& in, LightShares& shares) {
-  const int w = in.base.color.width(), h = in.base.color.height();
+  auto& [in_base, in_offset] = in.light;
+  const int w = in_base.color.width(), h = in_base.color.height();
   const bool temporal = !in.sampled.empty();
   RareFrame out;
   out.light = {Image(w, h, 3), Image(w, h, 3)};
@@ -476,13 +503,13 @@ RareFrame take_rare_light(Input& in, LightShares& shares) {
         const int y = int(row);
         for (int x = 0; x < w; ++x) {
           const Rgb base = in.base_rare.color.rgb(x, y) - in.base_held.rgb(x, y);
-          Rgb all = in.base.color.rgb(x, y), rare = in.base_rare.color.rgb(x, y), held = in.base_held.rgb(x, y);
+          Rgb all = in_base.color.rgb(x, y), rare = in.base_rare.color.rgb(x, y), held = in.base_held.rgb(x, y);
           std::array<Rgb, 2> light{base, base};
           if (!temporal) {
             light = {in.rare_halves[0].rgb(x, y), in.rare_halves[1].rgb(x, y)};
           } else if (in.is_sampled(x, y)) {
             light[1] = in.offset_rare.color.rgb(x, y) - in.offset_held.rgb(x, y);
-            all = (all + in.offset.color.rgb(x, y)) * 0.5f, held = (held + in.offset_held.rgb(x, y)) * 0.5f;
+            all = (all + in_offset.color.rgb(x, y)) * 0.5f, held = (held + in.offset_held.rgb(x, y)) * 0.5f;
             rare = (rare + in.offset_rare.color.rgb(x, y)) * 0.5f;
           }
           for (std::size_t k = 0; k < 2; ++k) {
@@ -491,13 +518,13 @@ RareFrame take_rare_light(Input& in, LightShares& shares) {
             lit[y] |= !is_black(light[k]);
           }
           rows[y] += {double(luminance(all)), double(luminance(rare)), double(luminance(held))};
-          subtract(in.base.color, in.base_rare.color, x, y);
-          subtract(in.base.grad_x, in.base_rare.grad_x, x, y);
-          subtract(in.base.grad_y, in.base_rare.grad_y, x, y);
+          subtract(in_base.color, in.base_rare.color, x, y);
+          subtract(in_base.grad_x, in.base_rare.grad_x, x, y);
+          subtract(in_base.grad_y, in.base_rare.grad_y, x, y);
           if (!temporal) continue;
-          subtract(in.offset.color, in.offset_rare.color, x, y);
-          subtract(in.offset.grad_x, in.offset_rare.grad_x, x, y);
-          subtract(in.offset.grad_y, in.offset_rare.grad_y, x, y);
+          subtract(in_offset.color, in.offset_rare.color, x, y);
+          subtract(in_offset.grad_x, in.offset_rare.grad_x, x, y);
+          subtract(in_offset.grad_y, in.offset_rare.grad_y, x, y);
           const float* s = in.source.pixel(x, y);
           const int sx = int(s[0]) - in.crop_left, sy = int(s[1]) - in.crop_top;
           if (s[2] > 0 && sx >= 0 && sy >= 0 && sx < w && sy < h)
@@ -525,7 +552,8 @@ class FrameBuffer {
       read(f);
     }
   }
-  const PoissonFrame& frame(int f) const { return *slot(f).data; }
+  /// Part 0: of all light; k + 1: of class k.
+  const PoissonFrame& frame(int f, std::size_t part) const { return *slot(f).parts[part].data; }
   const RareFrame& rare(int f) const { return slot(f).rare; }
   const LightShares& shares(int f) const { return slot(f).shares; }
   /// Whether frame f continues f - 1: some of its pixels replay pixels of that, and the camera is the same. True for
@@ -533,38 +561,51 @@ class FrameBuffer {
   bool continues(int f) const { return slot(f).continues; }
 
  private:
+  struct Part {
+    std::unique_ptr<PoissonFrame> data;
+    double variance = 0;  ///< the reference of set_spatial_precision
+  };
   struct Slot {
     int frame = 0;
-    std::unique_ptr<PoissonFrame> data;
+    std::vector<Part> parts;
     bool continues = true;
     RareFrame rare;  ///< empty unless it is solved for apart
     LightShares shares;
-    double variance = 0;  ///< the reference of set_spatial_precision
   };
+  static const PassPair& light(const Input& in, std::size_t part) {
+    return part == 0 ? in.light : in.classes[part - 1];
+  }
   const Slot& slot(int f) const { return slots_[f - slots_.front().frame]; }
 
   void read(int f) {
     auto in = std::make_unique<Input>(reader_.read(f));
     const int w = reader_.width(), h = reader_.height();
-    Slot slot{f, std::make_unique<PoissonFrame>(w, h)};
+    Slot slot{f, std::vector<Part>(in->classes.size() + 1)};
     if (settings_.apart) slot.rare = take_rare_light(*in, slot.shares);
-    combine_passes(*in, *slot.data);
     const PoissonNorm norm = settings_.poisson.norm;
-    if (settings_.weighted) slot.variance = set_spatial_precision(*slot.data, variance_between_passes(*in, w, h), norm);
+    for (std::size_t k = 0; k < slot.parts.size(); ++k) {
+      auto& [data, variance] = slot.parts[k];
+      data = std::make_unique<PoissonFrame>(w, h);
+      combine_passes(*in, light(*in, k), *data);
+      if (settings_.weighted)
+        variance = set_spatial_precision(*data, variance_between_passes(*in, light(*in, k), w, h), norm);
+    }
     if (last_read_) {
       slot.continues = false;
       if (settings_.temporal && in->camera == last_read_->camera) {
-        MotionRuns runs(replay_map(*in, w, h), settings_.runs, in->sampled);
+        const MotionRuns runs(replay_map(*in, w, h), settings_.runs, in->sampled);
         slot.continues = runs.count() > 0;
-        if (slot.continues && !slots_.empty()) {
-          slots_.back().data->motion = std::move(runs);
-          subtract_passes(last_read_->base, *in, *slots_.back().data);
-          if (settings_.weighted) set_temporal_precision(*slots_.back().data, slots_.back().variance, norm);
+        for (std::size_t k = 0; slot.continues && !slots_.empty() && k < slot.parts.size(); ++k) {
+          const auto& [data, variance] = slots_.back().parts[k];
+          data->motion = runs;
+          subtract_passes(light(*last_read_, k).base, light(*in, k).offset, *data);
+          if (settings_.weighted) set_temporal_precision(*data, variance, norm);
         }
       }
     }
     // Only the base pass meets the next frame.
-    in->offset = {}, in->source = {}, in->sampled = {};
+    in->light.offset = {}, in->source = {}, in->sampled = {};
+    for (PassPair& c : in->classes) c.offset = {};
     in->base_rare = in->offset_rare = {}, in->base_held = in->offset_held = {}, in->rare_halves = {};
     last_read_ = std::move(in);
     slots_.push_back(std::move(slot));
@@ -578,37 +619,57 @@ class FrameBuffer {
 
 /// A frame of the result, blended from the windows that hold it.
 struct Blend {
-  PlanarFrames solution;  ///< of the Poisson rows
-  Image rare;             ///< smoothed rare light; empty if there is none
-  Image unfiltered;       ///< the same before it was smoothed; empty unless parts are written
+  std::vector<PlanarFrames> solutions;  ///< of the Poisson rows: of all light, then of each class
+  Image rare;                           ///< smoothed rare light; empty if there is none
+  Image unfiltered;                     ///< the same before it was smoothed; empty unless parts are written
   LightShares shares;
   double weight = 0;
 
-  void add(const PlanarFrames& x, int t, const Image& light, double window) {
+  void add(std::span<const PlanarFrames> parts, int t, const Image& light, double window) {
     weight += window;
     const float share = float(window / weight);  // 1 for the first window
-    if (solution.frames() == 0) solution = PlanarFrames(x.width(), x.height(), 1);
-    for (int y = 0; y < x.height(); ++y) {
-      for (int c = 0; c < 3; ++c) {
-        const float* from = x.row(t, y, c);
-        float* to = solution.row(0, y, c);
-        for (int i = 0; i < x.width(); ++i) to[i] += share * (from[i] - to[i]);
+    solutions.resize(parts.size());
+    for (std::size_t k = 0; k < parts.size(); ++k) {
+      const PlanarFrames& x = parts[k];
+      PlanarFrames& solution = solutions[k];
+      if (solution.frames() == 0) solution = PlanarFrames(x.width(), x.height(), 1);
+      for (int y = 0; y < x.height(); ++y) {
+        for (int c = 0; c < 3; ++c) {
+          const float* from = x.row(t, y, c);
+          float* to = solution.row(0, y, c);
+          for (int i = 0; i < x.width(); ++i) to[i] += share * (from[i] - to[i]);
+        }
       }
     }
     if (light.empty()) return;
-    if (rare.empty()) rare = Image(x.width(), x.height(), 3);
+    if (rare.empty()) rare = Image(parts[0].width(), parts[0].height(), 3);
     const std::span<const float> from = light.values();
     const std::span<float> to = rare.values();
     for (std::size_t i = 0; i < to.size(); ++i) to[i] += share * (from[i] - to[i]);
   }
 };
 
+/// Solves for consecutive frames, from their noisy pictures.
+PlanarFrames solve(const std::vector<const PoissonFrame*>& frames, const PoissonSettings& settings,
+                   const std::function<void(double)>& progress) {
+  PlanarFrames x(frames[0]->width(), frames[0]->height(), int(frames.size()));
+  for (std::size_t t = 0; t < frames.size(); ++t) {
+    for (int y = 0; y < x.height(); ++y) {
+      for (int c = 0; c < 3; ++c) {
+        std::copy_n(frames[t]->data(RowSet::kPrimal, y, c), x.width(), x.row(int(t), y, c));
+      }
+    }
+  }
+  solve_poisson(frames, settings, x, {}, progress);
+  return x;
+}
+
 /// Fills a frame that has what passes through.
 void fill(const Blend& blend, const Settings& settings, Frame& frame) {
   if (settings.parts) frame.create(layers::color_common()), frame.create(layers::color_rare());
   Image& color = frame.layer(layers::color().name);
   Image* common = settings.parts ? &frame.layer(layers::color_common().name) : nullptr;
-  const PlanarFrames& x = blend.solution;
+  const PlanarFrames& x = blend.solutions[0];
   parallel_for(
       0, x.height(),
       [&](std::int64_t row) {
@@ -627,6 +688,14 @@ void fill(const Blend& blend, const Settings& settings, Frame& frame) {
         }
       },
       16);
+  for (std::size_t k = 0; k < settings.classes.size(); ++k) {
+    const PlanarFrames& solution = blend.solutions[k + 1];
+    Image& to = frame.layer(layers::class_layer(settings.classes[k], layers::color()).name);
+    for (int y = 0; y < to.height(); ++y) {
+      for (int i = 0; i < to.width(); ++i)
+        to.set_rgb(i, y, {solution.row(0, y, 0)[i], solution.row(0, y, 1)[i], solution.row(0, y, 2)[i]});
+    }
+  }
   if (settings.parts) frame.layer(layers::color_rare().name) = blend.unfiltered;
   if (!settings.apart) return;
   frame.metadata[kRareShareKey] = blend.shares.rare_share();
@@ -664,13 +733,13 @@ namespace {
 class Reconstruct final : public Stage {
  public:
   explicit Reconstruct(const Params& params) : params_(params) {
-    settings(true, true);  // what the parameters say together is checked whatever the frames are
+    Settings(params_, true, true);  // what the parameters say together is checked whatever the frames are
   }
 
   SequenceDesc output(std::span<const SequenceDesc> in) const override {
     const Settings s = settings(in);
     SequenceDesc out = in[0];
-    std::erase_if(out.layers, [](const LayerDesc& d) { return !survives(d); });
+    std::erase_if(out.layers, [&](const LayerDesc& d) { return !survives(d, s); });
     if (s.parts) {
       for (const LayerDesc& d : {layers::color_common(), layers::color_rare()}) {
         if (!out.has(d)) out.layers.push_back(d);
@@ -693,14 +762,21 @@ class Reconstruct final : public Stage {
   void run(StageRun& run) const override;
 
  private:
-  Settings settings(bool temporal, bool rare) const { return Settings(params_, temporal, rare); }
   Settings settings(std::span<const SequenceDesc> in) const {
-    return settings(in[0].has(layers::offset(layers::color())), in[0].has(layers::rare_color()));
+    std::vector<std::string> classes;
+    for (const LayerDesc& d : in[0].layers) {
+      if (d.pass.empty() && !d.path_class.empty() && d == layers::class_layer(d.path_class, layers::grad_x()))
+        classes.push_back(d.path_class);
+    }
+    return Settings(params_, in[0].has(layers::offset(layers::color())), in[0].has(layers::rare_color()),
+                    std::move(classes));
   }
   /// Whether the output holds this layer of the input: neither data of the reconstruction, nor statistics or parts of
   /// the input's `color`, which are not those of the solution.
-  static bool survives(const LayerDesc& d) {
-    return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
+  static bool survives(const LayerDesc& d, const Settings& settings) {
+    const bool solved = d.role == LayerRole::kPicture && std::find(settings.classes.begin(), settings.classes.end(),
+                                                                   d.path_class) != settings.classes.end();
+    return d.pass.empty() && (d.path_class.empty() || solved) && d.role != LayerRole::kStatistic &&
            d.role != LayerRole::kReconstruction;
   }
 
@@ -714,12 +790,13 @@ void Reconstruct::run(StageRun& run) const {
   const std::vector<int>& targets = run.frames();
   std::vector<std::string> classes;
   for (const LayerDesc& d : run.in()[0].layers) {
-    if (!d.path_class.empty() && d.pass.empty()) classes.push_back(d.name);
+    if (!d.path_class.empty() && d.pass.empty() && d.role == LayerRole::kPicture && !survives(d, settings))
+      classes.push_back(d.name);
   }
   if (!classes.empty()) {
     log_info(
         fmt::format("left out of the final frames, as they are not reconstructed and would not add up to color: "
-                    "{}; the frames of the integrator have them",
+                    "{}; the frames of the integrator have them (class_gradients = true makes them part of it)",
                     fmt::join(classes, ", ")));
   }
   std::vector<int> windows, cuts;
@@ -756,25 +833,22 @@ void Reconstruct::run(StageRun& run) const {
       }
       if (!keeps_piece(piece, goes_on, grid.begin(k), grid.length, grid.step)) continue;
 
-      std::vector<const PoissonFrame*> frames;
-      for (int f = piece.first; f <= piece.last; ++f) frames.push_back(&buffer.frame(f));
-      PlanarFrames x(reader.width(), reader.height(), int(frames.size()));
-      for (std::size_t t = 0; t < frames.size(); ++t) {
-        for (int y = 0; y < x.height(); ++y) {
-          for (int c = 0; c < 3; ++c) {
-            std::copy_n(frames[t]->data(RowSet::kPrimal, y, c), x.width(), x.row(int(t), y, c));
-          }
-        }
+      std::vector<PlanarFrames> parts;
+      const std::size_t count = settings.classes.size() + 1;
+      for (std::size_t part = 0; part < count; ++part) {
+        std::vector<const PoissonFrame*> frames;
+        for (int f = piece.first; f <= piece.last; ++f) frames.push_back(&buffer.frame(f, part));
+        parts.push_back(solve(frames, settings.poisson, [&](double share) {
+          progress(kReading + (1 - kReading) * (double(part) + share) / double(count));
+        }));
       }
-      solve_poisson(frames, settings.poisson, x, {},
-                    [&](double share) { progress(kReading + (1 - kReading) * share); });
       std::vector<const RareFrame*> rare;
       for (int f = piece.first; settings.apart && f <= piece.last; ++f) rare.push_back(&buffer.rare(f));
-      RareFilter filter(rare, x);
+      RareFilter filter(rare, parts[0]);
       for (auto it = target; it != targets.end() && *it <= piece.last; ++it) {
         const int f = *it, t = f - piece.first;
         Blend& blend = blends[f];
-        blend.add(x, t, filter.dark() ? Image() : filter.smooth(t), window_weight(f, grid.begin(k), grid.length));
+        blend.add(parts, t, filter.dark() ? Image() : filter.smooth(t), window_weight(f, grid.begin(k), grid.length));
         if (settings.apart) blend.shares = buffer.shares(f);
         if (settings.parts && blend.unfiltered.empty()) blend.unfiltered = mean_light(buffer.rare(f));
       }
@@ -825,7 +899,8 @@ const StageEntry reconstruct_entry{
                "needed with `rare = \"apart\"`: the light of rare paths, of both passes or of one and its halves"},
               {{"samples", "offset.samples", "albedo", "normal", "object_id"}, "read where they are there"}},
     .writes = {{{"color"}, "the solution, with the input's alpha"},
-               {{"color.common", "color.rare"}, "its two parts, with rare light apart and `parts = \"yes\"`"}},
+               {{"color.common", "color.rare"}, "its two parts, with rare light apart and `parts = \"yes\"`"},
+               {{"class.<name>.color"}, "of light-path classes with differences (`class_gradients`): their solutions"}},
     .window = "those that share a window with it (`window`, `overlap`), if they have an offset pass",
     .gap_help = "without them there are no differences over time (give --temporal-rows none to do without)",
     .examples =

@@ -53,8 +53,7 @@ struct RandomSystem {
       for (int y = 0; y < h; ++y) {
         for (int c = 0; c < 3; ++c) {
           for (int s = 0; s < kRowSets; ++s) {
-            std::fill_n(window.frames[t]->data(RowSet(s), y, c), w,
-                        std::numeric_limits<float>::quiet_NaN());
+            std::fill_n(window.frames[t]->data(RowSet(s), y, c), w, std::numeric_limits<float>::quiet_NaN());
           }
           for (int x = 0; x < w; ++x) window.truth.row(t, y, c)[x] = float(test::normal(3, address(t, y, x, c)));
         }

@@ -124,8 +124,7 @@ TEST(RareFilter, FollowsMotion) {
     w.frame(t).object = Image(kSize, kSize, 1, 1);
     for (int y = 0; y < kSize; ++y) {
       for (int x = 6 + 3 * t; x < 9 + 3 * t; ++x) w.frame(t).object.at(x, y) = 2;
-      for (int x = 0; x < kSize && t > 0; ++x)
-        w.frame(t).previous[y * kSize + x] = x >= 3 ? y * kSize + x - 3 : -1;
+      for (int x = 0; x < kSize && t > 0; ++x) w.frame(t).previous[y * kSize + x] = x >= 3 ? y * kSize + x - 3 : -1;
     }
   }
   const Image out = w.smooth(1);

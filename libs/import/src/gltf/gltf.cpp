@@ -151,8 +151,7 @@ void GltfImporter::build_nodes() {
     for (std::size_t k = 0; k < children.size(); ++k) {
       const int child = children.at(k).index(n, "nodes");
       if (gltf_parent_[child] >= 0)
-        children.at(k).fail(
-            fmt::format("nodes[{}] is a child of nodes[{}] already", child, gltf_parent_[child]));
+        children.at(k).fail(fmt::format("nodes[{}] is a child of nodes[{}] already", child, gltf_parent_[child]));
       gltf_parent_[child] = int(i);
     }
   }
@@ -237,8 +236,7 @@ std::vector<int> GltfImporter::reachable_nodes() const {
     const Json roots = scenes.at(i).object()["nodes"].array();
     for (std::size_t k = 0; k < roots.size(); ++k) {
       const int node = roots.at(k).index(order_.size(), "nodes");
-      if (gltf_parent_[node] >= 0)
-        roots.at(k).fail(fmt::format("nodes[{}] is not a root: it has a parent", node));
+      if (gltf_parent_[node] >= 0) roots.at(k).fail(fmt::format("nodes[{}] is not a root: it has a parent", node));
       if (int(i) == std::max(index, 0)) in_scene[node] = 1;
     }
   }

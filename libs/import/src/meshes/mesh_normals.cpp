@@ -58,8 +58,7 @@ void crease_normals(Mesh& mesh, float max_angle) {
   const std::size_t corners = mesh.indices.size();
   std::vector<Face> faces(mesh.triangle_count());
   parallel_for(
-      0, std::int64_t(faces.size()), [&](std::int64_t t) { faces[t] = face_of(mesh, std::size_t(t)); },
-      1024);
+      0, std::int64_t(faces.size()), [&](std::int64_t t) { faces[t] = face_of(mesh, std::size_t(t)); }, 1024);
 
   // Corners sorted by position: those at one point stand together.
   std::vector<std::uint32_t> order(corners);

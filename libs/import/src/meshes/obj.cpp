@@ -225,8 +225,7 @@ std::vector<T> join(std::vector<Block>& blocks, std::vector<T> Block::*part) {
 Mesh read_obj(std::string_view text, const std::string& file, Warnings& warnings) {
   text = skip_byte_order_mark(text);
   std::vector<Block> blocks = cut(text);
-  parallel_for(0, std::int64_t(blocks.size()),
-               [&](std::int64_t i) { BlockParser(blocks[i], text, file).parse(); });
+  parallel_for(0, std::int64_t(blocks.size()), [&](std::int64_t i) { BlockParser(blocks[i], text, file).parse(); });
   for (const Block& b : blocks)
     if (b.error) throw *b.error;
 
