@@ -70,7 +70,11 @@ void ShotFlags::add_overrides_to(CLI::App& command) {
   add_repeatable(command, "--class", classes_,
                  "light-path class to write as layer class.NAME.color, e.g. caustics=ED.*D", "NAME=EXPR")
       ->group("Shot");
-  command.add_option("--decompose", decompose_, "classes that are checked to be disjoint, e.g. \"dd=ED;di=ED.+\"")
+  command
+      .add_option(
+          "--decompose", decompose_,
+          "classes that are checked to be disjoint, e.g. \"dd=ED;di=ED.+\", or `default`: emission, direct, indirect, "
+          "caustic, reflection, transmission")
       ->type_name("NAME=EXPR;...")
       ->group("Shot");
   add_repeatable(command, "-D,--define", defines_, "value of the scene file's own parameter $NAME", "NAME=VALUE")
@@ -115,7 +119,7 @@ ShotConfig ShotFlags::config() const {
   for (const std::string& p : params_) assign(config, "integrator", p, "--param", "max_depth=8");
   for (const std::string& c : classes_) assign(config, "classes", c, "--class", "caustics=ED.*D");
   for (const std::string& d : defines_) assign(config, "define", d, "-D", "spp=64");
-  for (std::string rest = decompose_; !rest.empty();) {
+  for (std::string rest = decompose_ == "default" ? "tree=default" : decompose_; !rest.empty();) {
     const auto [first, tail] = split(rest, ';');
     assign(config, "decompose", first, "--decompose", "\"dd=ED;di=ED.+\"");
     rest = tail;

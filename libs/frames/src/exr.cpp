@@ -105,7 +105,7 @@ std::vector<LayerDesc> parse_layers_text(const std::string& text, const std::str
       if (fields[2] == to_string(c)) d.combine = c;
     }
     if (const auto known = layers::find(d.name)) {
-      d.role = known->role, d.pass = known->pass, d.path_class = known->path_class;
+      d.role = known->role, d.pass = known->pass, d.path_class = known->path_class, d.chain = known->chain;
     }
     out.push_back(std::move(d));
   }

@@ -101,6 +101,23 @@ LayerDesc class_layer(std::string_view class_name, const LayerDesc& base) {
   return d;
 }
 
+bool is_chain(std::string_view letters) {
+  return !letters.empty() && letters.size() <= kMaxChain + 1 && letters.back() == 'D' &&
+         letters.find_first_not_of("RT") == letters.size() - 1;
+}
+
+LayerDesc chain_layer(std::string_view letters, const LayerDesc& base) {
+  LayerDesc d = base;
+  d.name = fmt::format("chain.{}.{}", letters, base.name);
+  d.chain = letters;
+  return d;
+}
+
+const std::vector<LayerDesc>& chain_features() {
+  static const std::vector<LayerDesc> list{albedo(), normal(), emission(), depth(), object_id()};
+  return list;
+}
+
 LayerDesc offset(const LayerDesc& base) {
   LayerDesc d = base;
   d.name = "offset." + base.name;
@@ -131,6 +148,15 @@ std::optional<LayerDesc> find(std::string_view name) {
   }
   if (name.starts_with("offset.")) {
     if (const auto base = find(name.substr(7)); base && !name.substr(7).starts_with("offset.")) return offset(*base);
+    return std::nullopt;
+  }
+  if (name.starts_with("chain.")) {
+    const std::string_view rest = name.substr(6);
+    const auto dot = std::min(rest.find('.'), rest.size());
+    if (!is_chain(rest.substr(0, dot))) return std::nullopt;
+    for (const LayerDesc& d : chain_features()) {
+      if (d.name == rest.substr(std::min(dot + 1, rest.size()))) return chain_layer(rest.substr(0, dot), d);
+    }
     return std::nullopt;
   }
   if (name.starts_with("class.")) {
@@ -175,12 +201,18 @@ std::vector<LayerDesc> parse_layer_names(std::string_view text, const SourceLoc&
       add(layers::motion_forward()), add(layers::motion_backward());
     } else if (name == "halves") {
       add(layers::color_a()), add(layers::color_b());
+    } else if (name == "chains") {
+      for (const char* chain : layers::kCommonChains) {
+        for (const LayerDesc& d : layers::chain_features()) add(layers::chain_layer(chain, d));
+      }
     } else if (name == "cryptomatte") {
       for (int rank = 0; rank < 3; ++rank) add(layers::crypto(rank));
     } else if (auto d = layers::find(name)) {
       add(std::move(*d));
     } else {
-      std::vector<std::string> names{"motion", "halves", "cryptomatte", "class.<name>.color", "offset.<layer>"};
+      std::vector<std::string> names{
+          "motion",        "halves", "cryptomatte", "chains", "class.<name>.color", "chain.<letters>.<feature>",
+          "offset.<layer>"};
       for (const LayerDesc& k : layers::known()) names.push_back(k.name);
       const std::size_t all = names.size();
       throw Error(ErrorCode::kUnknownName, loc,

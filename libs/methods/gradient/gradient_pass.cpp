@@ -157,7 +157,7 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
     std::fill(classes.begin(), classes.end(), Rgb(0.0f));
     ShiftObserver shifts(now, options.path, options.roughness_threshold, camera, neighbours, classes);
     const SampleResult r =
-        trace_path(now, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts);
+        trace_path(now, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts, film_.chains());
     rays += r.rays + shifts.rays();
     shadow_rays += r.shadow_rays;
     bool finite = true;

@@ -74,6 +74,11 @@ class LightPath final : public Method {
       throw SettingError(ErrorCode::kUnsupported, "output.layers",
                          "the integrator \"light_path\" writes no halves of the samples and no variance");
     }
+    for (const std::string& name : settings.layers) {
+      if (!name.starts_with("chain.")) continue;
+      throw SettingError(ErrorCode::kUnsupported, "output.layers",
+                         "the integrator \"light_path\" writes no features of chains");
+    }
     if (paths_of_frame(settings) > (std::int64_t(1) << 31)) {
       throw SettingError(ErrorCode::kOutOfRange, "sampling.spp",
                          "the integrator \"light_path\" traces at most 2^31 paths a frame: the pixels of the picture "

@@ -15,6 +15,10 @@ const std::vector<ParamSpec>& params() {
     s.push_back({"clamp", 0.0,
                  "largest luminance that one sample may add through scattered light; 0: off (clamping is biased)", 0,
                  1e9});
+    s.push_back({"feature_samples", 0,
+                 "further samples of a pixel for feature layers alone (albedo, normal, chains, ...): cheap, and what "
+                 "denoisers gain most from",
+                 0, 4096});
     s.push_back({"adaptive_error", 0.0,
                  "stop sampling a pixel at this relative error of its mean; 0: off, every pixel gets spp", 0, 1});
     s.push_back({"adaptive_min_spp", 32, "samples that every pixel gets under adaptive sampling", 4, 1e6});
@@ -27,6 +31,7 @@ class PathMethod final : public Method {
  public:
   explicit PathMethod(const Params& p)
       : options_(p),
+        feature_samples_(p.get_int("feature_samples")),
         adaptive_error_(float(p.get_double("adaptive_error"))),
         adaptive_min_spp_(p.get_int("adaptive_min_spp")) {
     options_.clamp = float(p.get_double("clamp"));
@@ -51,8 +56,8 @@ class PathMethod final : public Method {
       const CameraSample camera = camera_sample(context, x, y, index);
       const Vec3f axis = film.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
       NoObserver none;
-      const SampleResult r =
-          trace_path(context.at(camera.time), options_, camera, axis, film.sample_classes(), film.features(), none);
+      const SampleResult r = trace_path(context.at(camera.time), options_, camera, axis, film.sample_classes(),
+                                        film.features(), none, film.chains());
       ++samples;
       rays += r.rays;
       shadow_rays += r.shadow_rays;
@@ -62,6 +67,7 @@ class PathMethod final : public Method {
                             : !sample_evenly(tile, context.settings.spp, out, take, stop)) {
       return;
     }
+    if (!sample_features(context, tile, out, film, rays, stop)) return;
     film.write(out.picture());
     write_motion(context, tile, out.picture());
     counters.samples += samples;
@@ -77,6 +83,25 @@ class PathMethod final : public Method {
   }
 
  private:
+  /// Returns false if it was stopped.
+  bool sample_features(const FrameContext& context, const Tile& tile, const UnitOutput& out, TileFilm& film,
+                       std::uint64_t& rays, const std::stop_token& stop) const {
+    if (film.features() == Features::kNone && !film.chains()) return true;
+    for (int y = tile.y0; y < tile.y1 && feature_samples_ > 0; ++y) {
+      for (int x = tile.x0; x < tile.x1; ++x) {
+        if (stop.stop_requested()) return false;
+        if (!out.wants(x, y)) continue;
+        for (int i = 0; i < feature_samples_; ++i) {
+          const CameraSample camera = camera_sample(context, x, y, context.settings.spp + i);
+          const SampleResult r = trace_features(context.at(camera.time), options_, camera,
+                                                context.camera.axis(camera.time), film.features(), film.chains());
+          rays += r.rays;
+          film.add_features(x, y, camera, r.first);
+        }
+      }
+    }
+    return true;
+  }
   /// Both return false if they were stopped.
   template <class Take>
   static bool sample_evenly(const Tile& tile, int spp, const UnitOutput& out, Take&& take,
@@ -123,6 +148,7 @@ class PathMethod final : public Method {
   }
 
   PathOptions options_;
+  int feature_samples_;
   float adaptive_error_;
   int adaptive_min_spp_;
 };

@@ -198,6 +198,7 @@ void save(const LayerDesc& desc, ByteWriter& out) {
   out.value(desc.combine), out.value(desc.role);
   out.text(desc.pass);
   out.text(desc.path_class);
+  out.text(desc.chain);
 }
 
 LayerDesc read_layer(ByteReader& in) {
@@ -208,6 +209,7 @@ LayerDesc read_layer(ByteReader& in) {
   in.value(desc.combine), in.value(desc.role);
   desc.pass = in.text();
   desc.path_class = in.text();
+  desc.chain = in.text();
   return desc;
 }
 

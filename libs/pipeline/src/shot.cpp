@@ -270,7 +270,12 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
 }
 
 void settle_classes(const ShotConfig& config, RenderSettings& s) {
-  const auto classes = config.table("classes"), parts = config.table("decompose");
+  auto classes = config.table("classes"), parts = config.table("decompose");
+  if (const auto tree = parts.find({"tree"}); tree != parts.end() && tree->second.is_text) {
+    // Asked for on the command line: instead of what the shot says.
+    std::erase_if(parts, [](const auto& part) { return !part.second.is_text; });
+    classes.clear();
+  }
   if (!classes.empty() && !parts.empty()) {
     throw Error(ErrorCode::kBadInput, parts.begin()->second.loc,
                 "classes and decompose cannot be given together; a class may be a part of the decomposition");
@@ -279,6 +284,17 @@ void settle_classes(const ShotConfig& config, RenderSettings& s) {
   std::vector<std::string> expressions;
   std::vector<SourceLoc> locs;
   for (const auto& [key, value] : s.classes_are_decomposition ? parts : classes) {
+    if (s.classes_are_decomposition && key[0] == "tree") {
+      if (to_text(value.value) != "default") {
+        throw Error(ErrorCode::kUnknownName, value.loc,
+                    fmt::format("unknown decomposition \"{}\"; known: default", to_text(value.value)));
+      }
+      for (const PathClass& c : default_decomposition()) {
+        s.classes.push_back(c);
+        expressions.push_back(c.expression), locs.push_back(value.loc);
+      }
+      continue;
+    }
     if (expressions.size() == LightPathClassifier::kMaxExpressions) {
       throw Error(ErrorCode::kOutOfRange, value.loc,
                   fmt::format("there can be at most {} light-path classes", LightPathClassifier::kMaxExpressions));

@@ -140,7 +140,8 @@ std::span<const OpenTable> shot_tables() {
       {"integrator", "parameter", "parameters of the integrator; `tempera list integrators` names them"},
       {"classes", "name", "light-path classes to write as layers class.<name>.color: name = \"expression\""},
       {"decompose", "name",
-       "as classes, but checked to be disjoint; with the layer class.residual.color they add up to color"},
+       "as classes, but checked to be disjoint; with the layer class.residual.color they add up to color. `tree = "
+       "\"default\"` stands for emission, direct, indirect, caustic, reflection and transmission"},
       {"define", "name", "values of the scene file's own parameters (Mitsuba's $name)"},
       {"materials", "material",
        "materials that replace those of this name in the scene: type and its parameters; without a type, opacity, "

@@ -63,6 +63,49 @@ void pass_unseen(const FrameContext& context, Ray& ray, const SurfacePoint& poin
   ray.tmin = 0;
 }
 
+SampleResult trace_features(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
+                            const Vec3f& view_axis, Features features, ChainFeatures* chains) {
+  SampleResult result;
+  if (chains) chains->start();
+  Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, camera.time};
+  Rgb beta(1.0f);
+  Vec3f previous = ray.o;
+  Vertex v;
+  for (std::uint32_t index = 0; int(index) < options.max_depth; ++index) {
+    int passed = 0;
+    float pass_probability = 1;
+    const EdgeEnd end =
+        follow(context, camera.stream, index, ray, index == 0 ? &camera : nullptr, v, passed, pass_probability);
+    result.rays += std::uint32_t(passed) + 1;
+    if (end != EdgeEnd::kSurface) break;
+    const float distance = length(v.s.p - previous);
+    beta *= absorption(v, distance);
+    Rgb emitted;
+    if (v.shape->emission && !(options.hide_emitters && index == 0)) {
+      emitted = context.lights.emitted(v.hit.point, v.s);
+    }
+    v.make_bsdf();
+    if (index == 0) {
+      result.alpha = 1;
+      result.first = first_hit(v, emitted, view_axis, camera, features);
+    }
+    if (!chains || !chains->active()) break;
+    chains->arrive(beta, v, emitted, previous);
+    const VertexNumbers u = camera.stream.vertex(index);
+    const auto sample = v.bsdf.sample(v.s.wo, u.lobe, u.direction);
+    if (!sample || is_black(sample->sum())) break;
+    chains->scatter(sample->f_cos);
+    if (!chains->active()) break;
+    beta *= sample->sum() * (1 / sample->pdf);
+    previous = v.s.p;
+    ray.o = context.rays.offset_origin(v.s.p, v.s.ng, sample->wi);
+    ray.d = sample->wi;
+    ray.tmin = 0;
+    ray.tmax = kInfinity;
+  }
+  return result;
+}
+
 float transmittance(const FrameContext& context, Ray ray, int edges_left) {
   float t = 1;
   for (int i = 0; i < kMaxVertices; ++i) {

@@ -3,7 +3,31 @@
 
 #include <fmt/format.h>
 
+#include "tempera/paths/light_path_expression.h"
+
 namespace tempera {
+
+const std::vector<PathClass>& default_decomposition() {
+  static const std::vector<PathClass> parts{{"emission", "E"},          {"direct", "ED"},
+                                            {"indirect", "ED[RT]*D.*"}, {"caustic", "ED[RT]+"},
+                                            {"reflection", "ERD.*"},    {"transmission", "E(T|TT)D.*"}};
+  return parts;
+}
+
+std::vector<std::string> chains_of_class(const PathClass& path_class) {
+  const LightPathClassifier classifier({path_class.expression});
+  std::vector<std::pair<std::string, LightPathClassifier::State>> prefixes{{"", classifier.start()}};
+  std::vector<std::string> chains;
+  constexpr std::size_t kMaxSpecular = 3;
+  for (std::size_t i = 0; i < prefixes.size(); ++i) {
+    const auto [letters, state] = prefixes[i];
+    if (classifier.alive(classifier.next(state, Event::kDiffuse))) chains.push_back(letters + "D");
+    if (letters.size() == kMaxSpecular) continue;
+    prefixes.push_back({letters + "R", classifier.next(state, Event::kReflection)});
+    prefixes.push_back({letters + "T", classifier.next(state, Event::kTransmission)});
+  }
+  return chains;
+}
 
 std::string RenderSettings::canonical() const {
   std::string s = fmt::format(

@@ -24,11 +24,13 @@ std::vector<LayerDesc> film_outputs(const RenderSettings& settings, std::string_
   known.insert(known.end(), more.begin(), more.end());
   for (const std::string& name : settings.layers) {
     const auto desc = layers::find(name);
-    if (!desc || (std::find(known.begin(), known.end(), name) == known.end() && !name.starts_with("CryptoObject"))) {
+    const bool writes = desc && (std::find(known.begin(), known.end(), name) != known.end() || !desc->chain.empty() ||
+                                 name.starts_with("CryptoObject"));
+    if (!writes) {
       throw SettingError(
           ErrorCode::kUnknownName, "output.layers",
           fmt::format("the integrator \"{}\" cannot write the layer \"{}\"; it can write: {}, CryptoObject00..., "
-                      "and a class.<name>.color for each light-path class",
+                      "chain.<letters>.<feature>, and a class.<name>.color for each light-path class",
                       integrator, name, fmt::join(known, ", ")));
     }
     if (name.starts_with("CryptoObject")) {
@@ -93,7 +95,8 @@ TileFilm::TileFilm(const FrameContext& context, const Tile& tile, const Frame& o
       class_sums_(pixels_.size() * class_count_),
       sample_classes_(class_count_),
       cryptomatte_(out.has(prefix_ + "CryptoObject00")),
-      ids_(cryptomatte_ ? tile.x1 - tile.x0 : 0, cryptomatte_ ? tile.y1 - tile.y0 : 0) {
+      ids_(cryptomatte_ ? tile.x1 - tile.x0 : 0, cryptomatte_ ? tile.y1 - tile.y0 : 0),
+      chains_(prefix_.empty() ? out : Frame(), tile.x1 - tile.x0, tile.y1 - tile.y0) {
   for (const char* name : {"normal", "depth", "position", "uv", "emission"}) {
     if (cryptomatte_ || out.has(prefix_ + name)) features_ = Features::kGeometry;
   }
@@ -133,33 +136,44 @@ bool TileFilm::add(int x, int y, int index, const CameraSample& camera, const Sa
     sums.sum += part;
     if (!(index & 1)) sums.sum_a += part;
   }
-  const FirstHit& first = sample.first;
-  if (cryptomatte_) ids_.add(x - tile_.x0, y - tile_.y0, first.valid ? instance_ids_[first.instance] : 0, 1);
-  if (first.valid) {
-    ++p.hits;
-    p.albedo += first.albedo;
-    p.emission += first.emission;
-    p.normal += first.normal;
-    p.position += first.position;
-    p.uv += first.uv;
-    p.depth += first.depth;
-  }
+  if (cryptomatte_)
+    ids_.add(x - tile_.x0, y - tile_.y0, sample.first.valid ? instance_ids_[sample.first.instance] : 0, 1);
+  add_features(x, y, camera, sample.first);
   return true;
+}
+
+void TileFilm::add_features(int x, int y, const CameraSample& camera, const FirstHit& first) {
+  const std::size_t i = at(x, y);
+  Pixel& p = pixels_[i];
+  ++p.feature_count;
+  chains_.add(i, camera.weight);
+  if (!first.valid) return;
+  ++p.hits;
+  p.albedo += first.albedo;
+  p.emission += first.emission;
+  p.normal += first.normal;
+  p.position += first.position;
+  p.uv += first.uv;
+  p.depth += first.depth;
 }
 
 void TileFilm::save(ByteWriter& out) const {
   out.values(pixels_);
   out.values(class_sums_);
   ids_.save(out);
+  chains_.save(out);
 }
 
 void TileFilm::load(ByteReader& in) {
   in.values(pixels_);
   in.values(class_sums_);
   ids_.load(in);
+  chains_.load(in);
 }
 
 void TileFilm::write(Frame& out) const {
+  chains_.write(out, tile_.x0 - settings_.x0(), tile_.y0 - settings_.y0(),
+                [&](std::size_t i) { return pixels_[i].feature_count; });
   Frame crypto_frame(tile_.x1 - tile_.x0, tile_.y1 - tile_.y0);
   if (cryptomatte_) ids_.write(crypto_frame, {}, "CryptoObject", settings_.cryptomatte_depth);
   const auto layer = [&](const std::string& name) {
@@ -186,6 +200,7 @@ void TileFilm::write(Frame& out) const {
       const Pixel& p = pixels_[i];
       const int ox = x - settings_.x0(), oy = y - settings_.y0();
       const float inv = p.count ? 1 / float(p.count) : 0, inv_hits = p.hits ? 1 / float(p.hits) : 0;
+      const float inv_features = p.feature_count ? 1 / float(p.feature_count) : 0;
       Rgb mean_color = p.sum * inv;
       Rgb class_total;
       for (std::size_t k = 0; k < class_count_; ++k) {
@@ -205,8 +220,8 @@ void TileFilm::write(Frame& out) const {
       if (half_a) half_a->set_rgb(ox, oy, p.count_a ? p.sum_a * (1 / float(p.count_a)) : Rgb(0.0f));
       if (half_b) half_b->set_rgb(ox, oy, p.count_b ? p.sum_b * (1 / float(p.count_b)) : Rgb(0.0f));
       if (variance) variance->set_rgb(ox, oy, variance_of_mean(p.sum_a, p.count_a, p.sum_b, p.count_b));
-      if (albedo) albedo->set_rgb(ox, oy, p.albedo * inv);
-      if (emission) emission->set_rgb(ox, oy, p.emission * inv);
+      if (albedo) albedo->set_rgb(ox, oy, p.albedo * inv_features);
+      if (emission) emission->set_rgb(ox, oy, p.emission * inv_features);
       if (normal) normal->set_vec3(ox, oy, normalize(p.normal));
       if (position) position->set_vec3(ox, oy, p.position * inv_hits);
       if (depth) depth->at(ox, oy) = p.depth * inv_hits;

@@ -58,6 +58,7 @@ struct LayerDesc {
   LayerRole role = LayerRole::kFeature;
   std::string pass{};        ///< "offset": of the pass that replays the frame before; empty: of the picture's own
   std::string path_class{};  ///< the light-path class whose part of the light this is; empty: all light
+  std::string chain{};  ///< "RD": a feature of what is seen by these events (chain_layer); empty: of the first surface
 
   int channel_count() const { return int(channels.size()); }
   /// Name of channel `c` in an EXR file.
@@ -100,6 +101,14 @@ LayerDesc crypto(int rank, std::string_view kind = "Object");
 /// "class.<class_name>.<layer>": `base` for the paths of one light-path class, e.g. class_layer("dd", color()) is
 /// "class.dd.color" (R,G,B, without alpha). Pre: class_name consists of letters, digits, '_' and '-'.
 LayerDesc class_layer(std::string_view class_name, const LayerDesc& base);
+/// "chain.<letters>.<layer>": the feature `base` of the surface where paths scatter diffusely (D) for the first time, after
+/// the specular events before it: "RD" is what mirrors show, "TTD" what is seen through glass with two sides. Reflectance
+/// and radiance are those that reach the camera: with what the mirrors and glass on the way leave of them.
+/// Pre: letters is a chain (is_chain).
+LayerDesc chain_layer(std::string_view letters, const LayerDesc& base);
+/// Whether this is a chain: up to kMaxChain letters R and T, then D.
+inline constexpr int kMaxChain = 6;
+bool is_chain(std::string_view letters);
 /// "offset.<layer>": `base` for the temporal offset frame.
 LayerDesc offset(const LayerDesc& base);
 /// "<layer>.<suffix>": what a stage makes of `base`, e.g. "color.denoised".
@@ -107,12 +116,16 @@ LayerDesc derived(const LayerDesc& base, std::string_view suffix);
 
 /// All layers of the vocabulary that have fixed names, in the order in which files hold them.
 const std::vector<LayerDesc>& known();
-/// The descriptor of any name of the vocabulary, with class.*, offset.* and Crypto* layers; none for other names.
+/// The features that chains can have: albedo, normal, emission, depth, object_id.
+const std::vector<LayerDesc>& chain_features();
+/// Chains that the short form "chains" stands for: what is seen directly, in a mirror, through a sheet and a solid.
+inline constexpr const char* kCommonChains[] = {"D", "RD", "TD", "TTD"};
+/// The descriptor of any name of the vocabulary, with class.*, chain.*, offset.* and Crypto* layers; none for other names.
 std::optional<LayerDesc> find(std::string_view name);
 }  // namespace layers
 
 /// Reads a comma list of layer names as users write it. "motion" stands for both directions, "halves" for color.a and
-/// color.b, "cryptomatte" for CryptoObject00 to 02; each layer appears once.
+/// color.b, "chains" for all features of kCommonChains, "cryptomatte" for CryptoObject00 to 02; each layer appears once.
 /// Errors: Error{kUnknownName} at `loc` with the nearest known names.
 std::vector<LayerDesc> parse_layer_names(std::string_view text, const SourceLoc& loc = {});
 

@@ -148,6 +148,8 @@ class Bsdf {
   /// (without the 1/eta^2 of radiance), so 1 for clear glass. In closed form or from tables, within 0.03, and 0.08 for
   /// anisotropic facets. For feature layers, never for transport.
   Rgb albedo(const Vec3f& wo) const;
+  /// The same of lobes that are D alone (Event), whether they reflect or transmit.
+  Rgb diffuse_albedo(const Vec3f& wo) const;
   int size() const { return lobes_.size(); }
   const Lobe& lobe(int i) const { return lobes_[i].lobe; }
   /// Probability of choosing lobe i.

@@ -16,6 +16,7 @@
 
 #include "tempera/core/params.h"
 #include "tempera/paths/weighted_states.h"
+#include "tempera/transport/chain_features.h"
 #include "tempera/transport/frame_context.h"
 
 namespace tempera {
@@ -89,6 +90,22 @@ struct Vertex {
   const Material& material() const { return *shape->material; }
   void make_bsdf() { tempera::make_bsdf(material(), s, bsdf); }
 };
+
+/// The features of the first surface.
+inline FirstHit first_hit(const Vertex& v, const Rgb& emitted, const Vec3f& view_axis, const CameraSample& camera,
+                          Features features) {
+  FirstHit f;
+  f.valid = true;
+  f.instance = v.hit.point.instance;
+  // Normals that are bent where they face away belong to the side of the surface that is seen.
+  f.normal = dot(v.s.bends ? v.s.ng : v.s.frame.n, v.s.wo) < 0 ? -v.s.frame.n : v.s.frame.n;
+  f.position = v.s.p;
+  f.uv = v.s.uv;
+  f.emission = emitted;
+  f.depth = dot(v.s.p - camera.ray.o, view_axis);
+  if (features == Features::kAll) f.albedo = v.bsdf.albedo(v.s.wo);
+  return f;
+}
 
 /// Sets the texture footprint of a point that the camera sees: how far apart on the tangent plane the rays of
 /// neighbouring samples arrive, taking samples for evenly spread over the pixel [Igehy 1999; Pharr 2023, Sec. 10.1].
@@ -213,10 +230,12 @@ struct NoObserver {
   void extend(const Extension& /*edge*/) {}
 };
 
-/// Traces one path. `classes`: empty, or one entry for each class and one for paths of none.
+/// Traces one path. `classes`: empty, or one entry for each class and one for paths of none. `chains`: null, or what
+/// gathers features of chains.
 template <class Observer>
 SampleResult trace_path(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
-                        const Vec3f& view_axis, std::span<Rgb> classes, Features features, Observer& observer) {
+                        const Vec3f& view_axis, std::span<Rgb> classes, Features features, Observer& observer,
+                        ChainFeatures* chains = nullptr) {
   const RayScene& rays = context.rays;
   const LightSampler& lights = context.lights;
   const LightPathClassifier& classifier = context.classifier;
@@ -230,6 +249,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
   float eta_product = 1;    // radiance scaling by refraction, taken out of roulette's decision
   WeightedStates states;
   if (!classes.empty()) states.start(classifier, camera.stream.hash());
+  if (chains) chains->start();
   float bsdf_pdf = 0;  // density of ray.d at the previous vertex
   bool mis = false;    // whether next-event estimation could have found what this ray finds
   Vec3f previous = ray.o;
@@ -296,18 +316,10 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
       seen_by_camera = false;
       result.alpha = 1;
       if (features != Features::kNone) {
-        FirstHit& f = result.first;
-        f.valid = true;
-        f.instance = v.hit.point.instance;
-        // Normals that are bent where they face away belong to the side of the surface that is seen.
-        f.normal = dot(v.s.bends ? v.s.ng : v.s.frame.n, v.s.wo) < 0 ? -v.s.frame.n : v.s.frame.n;
-        f.position = v.s.p;
-        f.uv = v.s.uv;
-        f.emission = emitted;
-        f.depth = dot(v.s.p - camera.ray.o, view_axis);
-        if (features == Features::kAll) f.albedo = v.bsdf.albedo(v.s.wo);
+        result.first = first_hit(v, emitted, view_axis, camera, features);
       }
     }
+    if (chains && chains->active()) chains->arrive(beta, v, emitted, previous);
     observe(index, &v, emitted, light_pdf, pass_probability);
     if (edges >= options.max_depth || v.bsdf.empty()) break;
     const VertexNumbers u = camera.stream.vertex(index);
@@ -345,6 +357,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     eta_product *= eta2;
     beta *= total * inv_pdf;
     if (!classes.empty()) states.scatter(classifier, sample->f_cos);
+    if (chains && chains->active()) chains->scatter(sample->f_cos);
     mis = !sample->delta && next_event;
     bsdf_pdf = sample->pdf;
     previous = v.s.p;
@@ -369,5 +382,9 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
   result.radiance = tally.total;
   return result;
 }
+
+/// Follows a path as trace_path does, for its features alone: as far as specular events of chains lead.
+SampleResult trace_features(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
+                            const Vec3f& view_axis, Features features, ChainFeatures* chains);
 
 }  // namespace tempera

@@ -19,6 +19,14 @@ struct PathClass {
   std::string expression;  ///< e.g. "ERD.*"; see light_path_expression.h
 };
 
+/// The parts that `tree = "default"` stands for in a decomposition: what is filtered well apart. [Zimmer 2015, Sec. 3],
+/// with caustics out of indirect light, and one letter for glass that is a sheet.
+const std::vector<PathClass>& default_decomposition();
+
+/// Chains (layers::chain_layer) whose surfaces the light of a class is seen on, of up to three specular events: "D" for
+/// light on what is seen directly, "TD" and "TTD" for what is seen through glass.
+std::vector<std::string> chains_of_class(const PathClass& path_class);
+
 /// A setting that an integrator cannot do with. Loaders turn it into an error at the place of the setting.
 class SettingError : public Error {
  public:

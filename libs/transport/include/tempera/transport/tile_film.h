@@ -44,6 +44,10 @@ class TileFilm {
   /// Adds sample `index` of pixel (x, y); the classes are those of sample_classes(). Returns false, and leaves the
   /// sample out, if it is not finite.
   bool add(int x, int y, int index, const CameraSample& camera, const SampleResult& sample);
+  /// Adds what a further sample tells of features alone.
+  void add_features(int x, int y, const CameraSample& camera, const FirstHit& first);
+  /// What gathers features of chains; null if they are not asked for.
+  ChainFeatures* chains() { return chains_.features().empty() ? nullptr : &chains_.features(); }
   /// Relative standard error of the mean luminance of pixel (x, y).
   float relative_error(int x, int y) const { return pixels_[at(x, y)].relative_error(); }
   void write(Frame& out) const;
@@ -56,7 +60,7 @@ class TileFilm {
   struct Pixel {
     Rgb sum, sum_a, sum_b, squares;
     float alpha = 0;
-    int count = 0, count_a = 0, count_b = 0;
+    int count = 0, count_a = 0, count_b = 0, feature_count = 0;
     Rgb albedo, emission;
     Vec3f normal, position;
     Vec2f uv;
@@ -82,6 +86,7 @@ class TileFilm {
   bool cryptomatte_;
   Features features_ = Features::kNone;
   CryptomatteBuffer ids_;
+  ChainFilm chains_;
   std::vector<float> instance_ids_;
 };
 
