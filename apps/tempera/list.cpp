@@ -50,6 +50,7 @@ std::vector<CatalogItem> stages() {
     layers("reads", e->reads);
     layers("writes", e->writes);
     item.manual.emplace_back("frames that it reads to make one", e->window);
+    if (!e->inserted_help.empty()) item.manual.emplace_back("in a run", e->inserted_help);
     if (e->follows) item.manual.emplace_back("follows by itself after", e->follows_help);
   }
   return out;

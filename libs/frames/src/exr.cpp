@@ -114,8 +114,8 @@ std::vector<LayerDesc> parse_layers_text(const std::string& text, const std::str
     if (fields.size() != 4) continue;
     for (LayerDesc& d : out) {
       if (d.name != fields[0]) continue;
-      for (const LayerRole r :
-           {LayerRole::kFeature, LayerRole::kPicture, LayerRole::kStatistic, LayerRole::kReconstruction}) {
+      for (const LayerRole r : {LayerRole::kFeature, LayerRole::kPicture, LayerRole::kStatistic,
+                                LayerRole::kReconstruction, LayerRole::kMask}) {
         if (fields[1] == to_string(r)) d.role = r;
       }
       d.pass = fields[2], d.path_class = fields[3];
@@ -383,8 +383,7 @@ OpenFile open_file(const std::string& path, const ReadOptions& options) {
 
   bool main_part = false;
   for (const int part : used) {
-    if (part > 0)
-      main_part = main_part || is_main_part(f.parts[part].get_string_attribute("oiio:subimagename"));
+    if (part > 0) main_part = main_part || is_main_part(f.parts[part].get_string_attribute("oiio:subimagename"));
   }
   std::set<std::string> seen;
   for (const int part : used) {
