@@ -80,7 +80,7 @@ std::vector<CatalogItem> importer_items() {
 
 std::vector<CatalogItem> bsdfs() {
   std::vector<CatalogItem> out;
-  for (const MaterialEntry& e : material_catalog()) out.push_back({e.name, e.help, e.params});
+  for (const MaterialEntry* e : material_catalog()) out.push_back({e->name, e->help, e->params});
   out.push_back(
       {"(all)", "parameters that every type has", {common_material_params().begin(), common_material_params().end()}});
   return out;

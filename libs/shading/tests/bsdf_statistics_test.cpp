@@ -15,14 +15,7 @@ using test::bsdf_of;
 using test::effort;
 using test::Random;
 
-struct Case {
-  std::string name;
-  MaterialPtr material;
-  bool transmits = false;
-  float eta = 1;           ///< inside over outside
-  bool reciprocal = true;  ///< f(wo, wi) = f(wi, wo), with eta^2 across an interface
-  float gain = 0;          ///< energy above 1 that the published model has
-};
+using Case = test::BsdfCase;
 
 Roughness rough(float u, float v, Microfacets type, bool visible = true) { return {true, type, u, v, visible}; }
 
@@ -132,6 +125,7 @@ const std::vector<Case>& cases() {
                                                          p.roughness = 0.6f;
                                                        })),
                  false, 1, false, 0.1f});
+    for (const auto& make : test::added_bsdf_cases()) c.push_back(make());
     return c;
   }();
   return all;

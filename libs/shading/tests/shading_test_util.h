@@ -6,6 +6,8 @@
 
 #include <cmath>
 #include <filesystem>
+#include <functional>
+#include <string>
 #include <vector>
 
 #include "tempera/core/random.h"
@@ -53,6 +55,24 @@ inline Bsdf bsdf_of(const Material& material, const ShadingPoint& point) {
   return bsdf;
 }
 inline Bsdf bsdf_of(const Material& material, const Vec3f& wo) { return bsdf_of(material, plane_point(wo)); }
+
+/// A material whose samples, energy and reciprocity bsdf_statistics_test.cpp checks.
+struct BsdfCase {
+  std::string name;
+  MaterialPtr material;
+  bool transmits = false;
+  float eta = 1;           ///< inside over outside
+  bool reciprocal = true;  ///< f(wo, wi) = f(wi, wo), with eta^2 across an interface
+  float gain = 0;          ///< energy above 1 that the published model has
+};
+/// Cases of other test files; each adds its own as a global AddBsdfCase.
+inline std::vector<std::function<BsdfCase()>>& added_bsdf_cases() {
+  static std::vector<std::function<BsdfCase()>> cases;
+  return cases;
+}
+struct AddBsdfCase {
+  explicit AddBsdfCase(std::function<BsdfCase()> make) { added_bsdf_cases().push_back(std::move(make)); }
+};
 
 /// A folder that is removed at the end.
 class TemporaryFolder {
