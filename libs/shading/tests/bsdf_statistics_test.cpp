@@ -2,6 +2,7 @@
 // Properties that every BSDF must have: samples follow the density, weights sum to the integral, energy is not gained,
 // reciprocity, event split, finite numbers everywhere.
 #include <map>
+#include <set>
 
 #include "shading_test_util.h"
 #include "support/chi_square.h"
@@ -539,6 +540,16 @@ TEST(Bsdf, OneSidedMaterialsAreBlackFromBehindAndTwoSidedOnesAreNot) {
   const Bsdf both = bsdf_of(*make_two_sided(make_diffuse(0.5f)), below);
   EXPECT_NEAR(both.eval(below, {0, 0, -1}).sum().g, 0.5f * kInvPi, 1e-6f);
   EXPECT_EQ(both.eval(below, {0, 0, 1}).pdf, 0);
+}
+
+TEST(MaterialCatalog, EveryTypeScattersByItsDefaults) {
+  std::set<std::string> names;
+  for (const MaterialEntry* e : material_catalog()) {
+    EXPECT_TRUE(names.insert(e->name).second) << e->name;
+    EXPECT_EQ(find_material(e->name), e);
+    EXPECT_FALSE(bsdf_of(*test::catalog_material(e->name), Vec3f{0, 0, 1}).empty()) << e->name;
+  }
+  EXPECT_EQ(find_material("diffus"), nullptr);
 }
 
 TEST(Mask, OpacityIsAskedSeparately) {
