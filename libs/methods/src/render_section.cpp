@@ -99,7 +99,7 @@ class SectionRender {
       } else {
         for (const int f : section_.frames()) {
           const auto wants = [&](const Unit& u) { return u.pass == p && u.frame == f && wanted(u); };
-          if (std::any_of(units.begin(), units.end(), wants)) window_.frame(f);
+          if (!hooks_.mask || std::any_of(units.begin(), units.end(), wants)) window_.frame(f);
         }
       }
       std::vector<Image> reads;

@@ -55,16 +55,16 @@ class DropPixels final : public FrameStage {
 };
 
 template <int kScale>
-StageEntry drop_entry() {
+StageEntry drop_entry(const std::string& name = "drop") {
   StageEntry e;
-  e.name = "drop";
+  e.name = name;
   e.done = "thinned";
   e.output_help = "thinned frames";
   e.ports.resize(1);
   e.make = [](const Params&) -> std::unique_ptr<Stage> { return std::make_unique<DropPixels>(kScale); };
   return e;
 }
-const StageEntry kDrop = drop_entry<1>(), kDropLarge = drop_entry<2>();
+const StageEntry kDrop = drop_entry<1>(), kDropLarge = drop_entry<2>(), kAgain = drop_entry<1>("again");
 
 /// Counts what is made, and asks to stop after so many tiles of pixels.
 struct Watch : RunObserver {
@@ -218,6 +218,18 @@ TEST_F(RunPixels, OfTheStagesSizeAndInTheCropWindow) {
   expect_same(run(settle("crop", &kDrop, crop)).output, frames("cropped"), {1, 2, 3});
   run(settle("cropped_large", nullptr, "[film]\nresolution = \"140x100\"\ncrop = \"14,6,80,70\"\n"));
   expect_same(run(settle("crop_large", &kDropLarge, crop)).output, frames("cropped_large"), {1, 2, 3});
+}
+
+TEST_F(RunPixels, StagesAfterItGetFilledFrames) {
+  const std::string half = "[output]\nhalf = true\n";
+  run(settle("whole", nullptr, half));
+  Settled s = settle("run", &kDrop, half);
+  s.loaded.shot.stages.push_back({{&kAgain, {}}, ""});
+  const RunPlan plan = run(s);
+  std::vector<std::string> outputs;
+  for (const RunStage& stage : plan.stages) outputs.push_back(fs::path(stage.output).parent_path().filename());
+  EXPECT_EQ(outputs, (std::vector<std::string>{"drop.masked", "drop", "again.masked", "final"}));
+  expect_same(plan.output, frames("whole"), {1, 2, 3});
 }
 
 TEST_F(RunPixels, WhatCannotBeIsSaidBeforeRendering) {
