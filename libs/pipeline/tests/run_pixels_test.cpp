@@ -110,6 +110,11 @@ class RunPixels : public testing::Test {
     ShotConfig config;
     LoadedShot loaded;
     RunPlan plan() const { return plan_run(config, loaded.shot, false); }
+    void follow(const StageEntry& entry) {
+      ShotStage stage;
+      stage.choice.entry = &entry;
+      loaded.shot.stages.push_back(stage);
+    }
   };
   Settled settle(const std::string& folder, const StageEntry* stage, const std::string& toml = "") const {
     Settled s;
@@ -122,7 +127,7 @@ class RunPixels : public testing::Test {
     if (!s.config.find("film.resolution")) s.config.assign("film.resolution=70x50");
     Warnings warnings;
     s.loaded = load_shot(s.config, {}, warnings);
-    if (stage) s.loaded.shot.stages.push_back({{stage, {}}, ""});
+    if (stage) s.follow(*stage);
     return s;
   }
   RunPlan run(const Settled& s, Watch& watch, bool resume = false) const {
@@ -224,7 +229,7 @@ TEST_F(RunPixels, StagesAfterItGetFilledFrames) {
   const std::string half = "[output]\nhalf = true\n";
   run(settle("whole", nullptr, half));
   Settled s = settle("run", &kDrop, half);
-  s.loaded.shot.stages.push_back({{&kAgain, {}}, ""});
+  s.follow(kAgain);
   const RunPlan plan = run(s);
   std::vector<std::string> outputs;
   for (const RunStage& stage : plan.stages) outputs.push_back(fs::path(stage.output).parent_path().filename());
