@@ -139,8 +139,8 @@ std::string shot_page() {
       "\n## Materials\n\nA table `[materials.<name>]` replaces the material of that name in the scene. Colors are a "
       "number, "
       "three numbers (linear Rec. 709), `\"#rrggbb\"` (sRGB) or an image file.\n";
-  for (const MaterialEntry& m : material_catalog()) {
-    out += fmt::format("\n`type = \"{}\"`: {}.\n\n{}", m.name, m.help, params_table(m.params));
+  for (const MaterialEntry* m : material_catalog()) {
+    out += fmt::format("\n`type = \"{}\"`: {}.\n\n{}", m->name, m->help, params_table(m->params));
   }
   out += "\nAll types:\n\n" + params_table({common_material_params().begin(), common_material_params().end()});
   const auto table = [](std::span<const ParamSpec> specs) { return params_table({specs.begin(), specs.end()}); };

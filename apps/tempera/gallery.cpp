@@ -133,7 +133,7 @@ void render_gallery_scene(Program& program, RenderGalleryFlags& flags, const Gal
   const std::string stem = choice.scene->name + (choice.variant ? "_" + choice.variant->name : "");
   flags.render.shot.set_shot((folder / choice.shot_file()).string());
   flags.render.shot.preset("output.path", (folder / kind / (stem + ".####.exr")).string());
-  const Shot shot = render_shot(program, flags.render);
+  const Shot shot = render_shot(program, flags.render).shot;
   if (!flags.render.replay.empty()) return;
   const ProgressKind progress = flags.render.progress_kind(program);
   if (progress != ProgressKind::kJson && progress != ProgressKind::kOpenJd) std::printf("%s\n", shot.output.c_str());

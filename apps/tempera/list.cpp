@@ -50,6 +50,7 @@ std::vector<CatalogItem> stages() {
     layers("reads", e->reads);
     layers("writes", e->writes);
     item.manual.emplace_back("frames that it reads to make one", e->window);
+    if (!e->inserted_help.empty()) item.manual.emplace_back("in a run", e->inserted_help);
     if (e->follows) item.manual.emplace_back("follows by itself after", e->follows_help);
   }
   return out;
@@ -79,7 +80,7 @@ std::vector<CatalogItem> importer_items() {
 
 std::vector<CatalogItem> bsdfs() {
   std::vector<CatalogItem> out;
-  for (const MaterialEntry& e : material_catalog()) out.push_back({e.name, e.help, e.params});
+  for (const MaterialEntry* e : material_catalog()) out.push_back({e->name, e->help, e->params});
   out.push_back(
       {"(all)", "parameters that every type has", {common_material_params().begin(), common_material_params().end()}});
   return out;

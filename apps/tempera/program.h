@@ -79,23 +79,26 @@ struct RenderFlags {
   JobStep step;  ///< that the render is of a job
   void add_to(CLI::App& command);
   ProgressKind progress_kind(const Program& program) const { return program.progress_kind(progress); }
+  /// But for the part.
+  RenderOptions options(const Program& program) const;
   /// All but SHOT and --resume.
   void add_overrides_to(CLI::App& command);
 };
 
 /// Called between loading a shot and rendering it: may change what is rendered.
-using PrepareRender = std::function<void(const ShotConfig&, Shot&, RenderOptions&)>;
+using PrepareRender = std::function<void(const ShotConfig&, LoadedShot&, RenderOptions&)>;
 
 /// Loads the shot, checks it and renders its frames. Errors: those of all of them.
-/// Returns the shot; nothing is rendered with --replay.
-Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender& prepare = {});
+/// Returns the shot with its scene; nothing is rendered with --replay.
+LoadedShot render_shot(Program& program, const RenderFlags& flags, const PrepareRender& prepare = {});
 
 /// Says how rendered frames become final ones, if they have to.
 void hint_at_stages(const Shot& shot);
 
-/// Runs a stage and logs what was done. Errors: those of run_stage.
-void make_frames(const StageChoice& choice, std::span<const FrameSequence> in, const std::string& output,
-                 const StageOptions& options, StageObserver& progress, std::stop_token stop);
+/// Log what is done, before and after it.
+void log_frames(std::span<const int> frames, const std::string& output);
+void log_stage(const StageEntry& entry, const StageReport& report);
+void log_render(const RenderReport& report);
 
 /// Encodes frames. Errors: those of write_video; Error{kCancelled}.
 void make_movie(const Program& program, const FrameSequence& frames, const std::string& path,

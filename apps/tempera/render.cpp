@@ -94,26 +94,37 @@ void hint_at_stages(const Shot& shot) {
   }
 }
 
-Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender& prepare) {
+void log_render(const RenderReport& report) {
+  const std::size_t done = report.frames.size();
+  log_info(fmt::format("{} {} rendered, {} already finished, in {:.1f} s", done, done == 1 ? "frame" : "frames",
+                       report.skipped.size(), report.seconds));
+}
+
+RenderOptions RenderFlags::options(const Program& program) const {
+  RenderOptions options;
+  options.resume = resume;
+  options.checkpoint_seconds = 60 * checkpoint_minutes;
+  options.command = program.command_line();
+  return options;
+}
+
+LoadedShot render_shot(Program& program, const RenderFlags& flags, const PrepareRender& prepare) {
   const ShotConfig config = flags.shot.config();
   const ProgressKind kind = flags.progress_kind(program);
-  RenderOptions options;
-  options.resume = flags.resume;
-  options.checkpoint_seconds = 60 * flags.checkpoint_minutes;
-  options.command = program.command_line();
+  RenderOptions options = flags.options(program);
   if (!flags.part.empty()) options.part = parse_part(flags.part);
   std::unique_ptr<RenderObserver> tev;
   const std::uint64_t memory_limit = flags.shot.memory_limit();
   if (memory_limit > 0) limit_memory(memory_limit);
 
-  Shot shot;
+  LoadedShot loaded;
   with_threads(flags.shot.threads(), [&] {
     Warnings warnings;
-    LoadedShot loaded = load_shot(config, flags.shot.import_options(), warnings);
+    loaded = load_shot(config, flags.shot.import_options(), warnings);
     warnings.report(flags.shot.strict());
-    if (prepare) prepare(config, loaded.shot, options);
-    check_memory(loaded.shot, loaded.scene, memory_limit);
-    shot = loaded.shot;
+    if (prepare) prepare(config, loaded, options);
+    const Shot& shot = loaded.shot;
+    check_memory(shot, loaded.scene, memory_limit);
     if (!flags.replay.empty()) {
       const BadSample b = parse_replay(flags.replay, shot.settings);
       const Rgb c = replay_sample(shot, loaded.scene, b);
@@ -126,7 +137,7 @@ Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender
     const std::vector<LayerDesc> layers = rendered_layers(shot);
     check_shot_encoding(config, layers, shot.write);
     if (!flags.tev.empty()) tev = make_tev_display(parse_tev_address(flags.tev), shot.source.stem().string());
-    log_info(fmt::format("frames {}, to {}", describe_frames(shot.frames), shot.output));
+    log_frames(shot.frames, shot.output);
     if (shot.write.names != AovNames::kTempera)
       log_info(describe_aov_names(layers, shot.write.names, shot.write.view_layer));
     const std::unique_ptr<RenderObserver> progress = make_progress(kind, flags.step);
@@ -134,11 +145,9 @@ Shot render_shot(Program& program, const RenderFlags& flags, const PrepareRender
     if (tev) observers.push_back(tev.get());
     const RenderReport report = render_sequence(shot, loaded.scene, options, observers, program.stop);
     if (options.part.count > 1) return;
-    const std::size_t done = report.frames.size();
-    log_info(fmt::format("{} {} rendered, {} already finished, in {:.1f} s", done, done == 1 ? "frame" : "frames",
-                         report.skipped.size(), report.seconds));
+    log_render(report);
   });
-  return shot;
+  return loaded;
 }
 
 void add_render(Program& program) {
@@ -150,7 +159,7 @@ void add_render(Program& program) {
        "tempera render robot.glb -o out/r.####.exr --camera Main --shutter -0.25,0.25 --resolution 1920x1080",
        "tempera render shot.toml --decompose \"direct=ED;indirect=ED.+\" --tev 127.0.0.1:14158"},
       [&program, flags] {
-        const Shot shot = render_shot(program, *flags);
+        const Shot shot = render_shot(program, *flags).shot;
         if (flags->replay.empty()) hint_at_stages(shot);
         return 0;
       });

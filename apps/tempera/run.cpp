@@ -10,6 +10,7 @@
 #include "tempera/core/log.h"
 #include "tempera/core/parallel.h"
 #include "tempera/frames/files.h"
+#include "tempera/pipeline/memory.h"
 #include "tempera/pipeline/stage_progress.h"
 
 namespace tempera {
@@ -28,14 +29,18 @@ double now() { return std::chrono::duration<double>(std::chrono::steady_clock::n
 /// The steps of a plan in their order.
 std::vector<JobStep> steps_of(const RunPlan& plan) {
   std::vector<JobStep> steps{{.name = "render"}};
-  for (const RunStage& s : plan.stages) steps.push_back({.name = s.choice.entry->name});
+  for (const RunStage& s : plan.stages) {
+    if (s.pixels) steps.push_back({.name = "pixels"});
+    steps.push_back({.name = s.choice.entry->name});
+  }
+  const std::size_t stages = steps.size() - 1;
   if (!plan.video_path.empty()) steps.push_back({.name = "video"});
   // Guesses at how much of the time is over when a step begins.
   constexpr double kRender = 0.8, kVideo = 0.98;
-  const double stages = std::max(1.0, double(plan.stages.size()));
   const auto begin_of = [&](std::size_t i) {
     if (i == 0) return 0.0;
-    return i > plan.stages.size() ? kVideo : kRender + (kVideo - kRender) * double(i - 1) / stages;
+    return i > stages ? kVideo
+                      : kRender + (kVideo - kRender) * double(i - 1) / double(std::max<std::size_t>(stages, 1));
   };
   for (std::size_t i = 0; i < steps.size(); ++i) {
     steps[i].number = int(i + 1), steps[i].of = int(steps.size());
@@ -65,7 +70,10 @@ void tell_halo(const RunPlan& plan, const std::vector<int>& asked) {
 /// Refuses before rendering what could not be written after it. Errors: Error{kFailed}.
 void check_writable(const RunPlan& plan) {
   std::vector<std::string> paths{frame_path(plan.output, plan.frames.front()), plan.video_path};
-  for (const RunStage& s : plan.stages) paths.push_back(frame_path(s.output, s.frames.front()));
+  for (const RunStage& s : plan.stages) {
+    if (s.pixels) paths.push_back(frame_path(s.pixels->output, s.frames.front()));
+    paths.push_back(frame_path(s.output, s.frames.front()));
+  }
   for (const std::string& path : paths) {
     if (!path.empty()) const TemporaryFile probe(path);
   }
@@ -87,53 +95,88 @@ void make_movie_of(const Program& program, const RunPlan& plan, const FrameSeque
   }
 }
 
+/// The steps of a job that are behind it, and the one that runs.
+class Job {
+ public:
+  explicit Job(ProgressKind kind) : kind_(kind) {}
+  ProgressKind kind() const { return kind_; }
+  void plan(std::vector<JobStep> steps) { steps_ = std::move(steps); }
+  const JobStep& step() const { return steps_[results_.size()]; }
+  void begin() {
+    begin_ = now();
+    announce_step(kind_, step());
+  }
+  void end(const std::string& path) { results_.push_back({step().name, now() - begin_, path}); }
+  void announce() const { announce_results(kind_, results_); }
+
+ private:
+  ProgressKind kind_;
+  std::vector<JobStep> steps_;
+  std::vector<JobResult> results_;
+  double begin_ = now();
+};
+
+class WatchStages final : public RunObserver {
+ public:
+  explicit WatchStages(Job& job) : job_(job) {}
+  std::unique_ptr<RenderObserver> begin_pixels(const RunStage& of) override {
+    job_.begin();
+    log_frames(of.pixels->frames, of.pixels->output);
+    return make_progress(job_.kind(), job_.step());
+  }
+  void end_pixels(const RunStage& of, const RenderReport& report) override {
+    log_render(report);
+    job_.end(of.pixels->output);
+  }
+  std::unique_ptr<StageObserver> begin_stage(const RunStage& stage) override {
+    job_.begin();
+    log_frames(stage.frames, stage.output);
+    return make_stage_progress(job_.kind(), job_.step());
+  }
+  void end_stage(const RunStage& stage, const StageReport& report) override {
+    log_stage(*stage.choice.entry, report);
+    job_.end(stage.output);
+  }
+
+ private:
+  Job& job_;
+};
+
 void run_shot(Program& program, RunFlags& flags) {
   if (flags.halo_given->count() > 0) flags.render.shot.preset("halo", std::to_string(flags.halo));
-  const ProgressKind kind = flags.render.progress_kind(program);
+  Job job(flags.render.progress_kind(program));
   RunPlan plan;
-  std::vector<JobStep> steps;
-  std::vector<JobResult> results;
-  double begin = now();
-  const auto finished = [&](const std::string& path) {
-    results.push_back({steps[results.size()].name, now() - begin, path});
-    begin = now();
-  };
-
-  render_shot(program, flags.render, [&](const ShotConfig& config, Shot& shot, RenderOptions& options) {
-    const std::vector<int> asked = shot.frames;
-    plan = plan_run(config, shot, !flags.no_video);
-    shot = plan.render;
-    options.reuse = plan.neighbors;
-    if (!flags.render.replay.empty()) return;
-    check_writable(plan);
-    steps = steps_of(plan);
-    flags.render.step = steps[0];
-    announce_step(kind, steps[0]);
-    tell_halo(plan, asked);
-  });
+  LoadedShot loaded =
+      render_shot(program, flags.render, [&](const ShotConfig& config, LoadedShot& to_render, RenderOptions& options) {
+        const std::vector<int> asked = to_render.shot.frames;
+        plan = plan_run(config, to_render.shot, !flags.no_video);
+        to_render.shot = plan.render;
+        options.reuse = plan.neighbors;
+        if (!flags.render.replay.empty()) return;
+        check_writable(plan);
+        for (const RunStage& s : plan.stages) {
+          if (s.pixels) check_memory(*s.pixels, to_render.scene, flags.render.shot.memory_limit());
+        }
+        job.plan(steps_of(plan));
+        flags.render.step = job.step();
+        job.begin();
+        tell_halo(plan, asked);
+      });
   if (!flags.render.replay.empty()) return;
-  finished(plan.render.output);
+  job.end(plan.render.output);
+  if (std::none_of(plan.stages.begin(), plan.stages.end(), [](const RunStage& s) { return s.pixels.has_value(); }))
+    loaded.scene = {};  // stages see none
 
   with_threads(flags.render.shot.threads(), [&] {
-    for (std::size_t i = 0; i < plan.stages.size(); ++i) {
-      const RunStage& stage = plan.stages[i];
-      const JobStep& step = steps[results.size()];
-      announce_step(kind, step);
-      const StageOptions options{.sections = stage.sections,
-                                 .resume = flags.render.resume,
-                                 .write = stage.write,
-                                 .command = program.command_line()};
-      make_frames(stage.choice, stage_input(plan, i), stage.output, options, *make_stage_progress(kind, step),
-                  program.stop);
-      finished(stage.output);
-    }
+    WatchStages watch(job);
+    run_stages(plan, loaded.scene, flags.render.options(program), watch, program.stop);
     if (!plan.video_path.empty()) {
-      announce_step(kind, steps[results.size()]);
+      job.begin();
       make_movie_of(program, plan, FrameSequence(plan.output, plan.frames), flags.render.resume);
-      finished(plan.video_path);
+      job.end(plan.video_path);
     }
   });
-  announce_results(kind, results);
+  job.announce();
 }
 
 }  // namespace

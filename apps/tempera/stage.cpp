@@ -56,8 +56,9 @@ void run_stage_command(Program& program, Flags& flags) {
     const std::size_t count = asked.empty() ? in[0].frames().size() : asked.size();
     const std::string name = std::filesystem::path(in[0].pattern()).filename().string();
     try {
-      make_frames(choice, in, output_pattern(flags.out, name, count == 1), options, *make_stage_progress(kind),
-                  program.stop);
+      const std::string output = output_pattern(flags.out, name, count == 1);
+      log_frames(asked.empty() ? in[0].frames() : asked, output);
+      log_stage(*choice.entry, run_stage(choice, in, output, options, *make_stage_progress(kind), program.stop));
     } catch (const Error& e) {
       if (e.code() != ErrorCode::kUsage || !e.loc().file.empty()) throw;
       throw Error(e.code(), ShotConfig::kCommandLine(), e.message());
@@ -116,15 +117,14 @@ void add_stage(Program& program, const StageEntry& entry) {
 
 }  // namespace
 
-void make_frames(const StageChoice& choice, std::span<const FrameSequence> in, const std::string& output,
-                 const StageOptions& options, StageObserver& progress, std::stop_token stop) {
-  std::vector<int> frames;
-  for (const StageSection& s : options.sections) frames.insert(frames.end(), s.frames.begin(), s.frames.end());
-  log_info(fmt::format("frames {}, to {}", describe_frames(frames.empty() ? in[0].frames() : frames), output));
-  const StageReport report = run_stage(choice, in, output, options, progress, std::move(stop));
+void log_frames(std::span<const int> frames, const std::string& output) {
+  log_info(fmt::format("frames {}, to {}", describe_frames(frames), output));
+}
+
+void log_stage(const StageEntry& entry, const StageReport& report) {
   for (const std::string& note : report.notes) log_info(note);
   log_info(fmt::format("{} {} {}, {} already finished, in {:.1f} s", report.frames.size(),
-                       report.frames.size() == 1 ? "frame" : "frames", choice.entry->done, report.skipped.size(),
+                       report.frames.size() == 1 ? "frame" : "frames", entry.done, report.skipped.size(),
                        report.seconds));
 }
 

@@ -93,6 +93,20 @@ TEST_F(CliParts, PartsOfOtherThingsAreRefused) {
   const Outcome mixed = run({"merge", path("a"), path("b"), "-o", path("c")});
   EXPECT_EQ(mixed.status, 3);
   EXPECT_NE(mixed.err.find("other settings"), std::string::npos) << mixed.err;
+  // Another version, whatever it wrote after its name: not damaged.
+  fs::create_directory(path("old"));
+  for (const char* begin : {"tempera checkpoint 2\n", "tempera checkpoint 14\n"}) {
+    write("old/f.0002.exr.part1of2", begin + std::string(100, 'x'));
+    const Outcome old = run({"merge", path("old"), "-o", path("c")});
+    EXPECT_EQ(old.status, 3);
+    EXPECT_NE(old.err.find("it is of another version"), std::string::npos) << old.err;
+    write("old/f.0002.exr.partial", begin + std::string(100, 'x'));
+    const Outcome resumed = render("old", {"--frames", "2", "--spp", "1", "--resume"});
+    EXPECT_EQ(resumed.status, 0);
+    EXPECT_NE(resumed.err.find("starting over"), std::string::npos) << resumed.err;
+    EXPECT_NE(resumed.err.find("it is of another version"), std::string::npos) << resumed.err;
+    fs::remove(frame("old", 2));
+  }
   fs::create_directory(path("empty"));
   EXPECT_EQ(run({"merge", path("empty"), "-o", path("c")}).status, 4);
   for (const auto& entry : fs::directory_iterator(path("a")))
@@ -131,7 +145,65 @@ TEST_F(CliParts, AMaskChoosesPixels) {
       render("no", {"--integrator", "gradient_path", "--frames", "2", "--spp", "4", "--mask", path("m.####.exr")});
   EXPECT_EQ(gradients.status, 2);
   EXPECT_NE(gradients.err.find("takes no mask"), std::string::npos) << gradients.err;
-  EXPECT_EQ(render("no", {"--frames", "3", "--spp", "4", "--mask", path("m.####.exr")}).status, 4);
+  // Told before a frame is rendered, of any frame.
+  const Outcome gap = render("no", {"--frames", "2-3", "--spp", "4", "--mask", path("m.####.exr")});
+  EXPECT_EQ(gap.status, 4);
+  EXPECT_NE(gap.err.find("m.0003.exr"), std::string::npos) << gap.err;
+  Frame small(8, 8);
+  small.create(layers::mask());
+  write_frame(path("m.0003.exr"), small);
+  const Outcome size = render("no", {"--frames", "2-3", "--spp", "4", "--mask", path("m.####.exr")});
+  EXPECT_EQ(size.status, 3);
+  EXPECT_NE(size.err.find("this mask has 8x8 pixels, the picture has 80x60"), std::string::npos) << size.err;
+  Frame picture(whole.width(), whole.height());
+  picture.create(layers::color()), picture.create(layers::normal());
+  write_frame(path("m.0003.exr"), picture);
+  const Outcome none = render("no", {"--frames", "2-3", "--spp", "4", "--mask", path("m.####.exr")});
+  EXPECT_EQ(none.status, 3);
+  EXPECT_NE(none.err.find("none of its layers is a mask"), std::string::npos) << none.err;
+  EXPECT_FALSE(fs::exists(path("no")));
+}
+
+TEST_F(CliParts, MasksOfASequenceAreFilledOnFiles) {
+  const std::vector<std::string> job{"--frames", "1-3", "--spp", "16", "--layers", "albedo,normal"};
+  ASSERT_EQ(render("whole", job).status, 0);
+  // What a stage would have written: frames in which pixels are missing, with a mask of each.
+  for (int f = 1; f <= 3; ++f) {
+    Frame base = read_frame(frame("whole", f));
+    base.remove("normal");
+    Image& mask = base.create(layers::mask());
+    for (int y = 0; y < mask.height(); ++y) {
+      for (int x = 0; x < mask.width(); ++x) {
+        if ((x * f + y) % 3 != 0) continue;
+        mask.at(x, y) = 1;
+        for (const char* name : {"color", "albedo"}) base.layer(name).set_rgb(x, y, Rgb(-1.0f));
+      }
+    }
+    write_frame(frame("base", f), base);
+  }
+  const auto sparse = with(job, {"--mask", path("base/f.####.exr")});
+  {
+    Process p(command("pixels", with(sparse, {"--checkpoint-minutes", "0.002"})));
+    const std::string partial = frame("pixels", 1) + ".partial";
+    ASSERT_TRUE(p.wait_until([&] { return fs::exists(partial) || fs::exists(frame("pixels", 1)); }));
+    p.signal(SIGKILL);
+    p.finish();
+  }
+  ASSERT_EQ(render("pixels", with(sparse, {"--resume"})).status, 0);
+  const std::vector<std::string> fill{"fill", path("base"), path("pixels"), "-o", path("filled")};
+  ASSERT_EQ(run(with(fill, {"--frames", "2", "--threads", "1"})).status, 0);
+  const Outcome filled = run(with(fill, {"--resume"}));
+  ASSERT_EQ(filled.status, 0) << filled.err;
+  EXPECT_NE(filled.err.find("2 frames filled, 1 already finished"), std::string::npos) << filled.err;
+  for (int f = 1; f <= 3; ++f) {
+    const Frame got = read_frame(frame("filled", f)), wanted = read_frame(frame("whole", f));
+    EXPECT_EQ(got.layer_names(), (std::vector<std::string>{"color", "albedo"}));
+    for (const char* name : {"color", "albedo"}) EXPECT_EQ(got.layer(name), wanted.layer(name)) << name << f;
+  }
+  fs::remove(frame("pixels", 2));
+  const Outcome gap = run(fill);
+  EXPECT_EQ(gap.status, 3);
+  EXPECT_NE(gap.err.find("lacks frames that go with the others: 2"), std::string::npos) << gap.err;
 }
 
 }  // namespace

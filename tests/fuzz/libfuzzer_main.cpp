@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-// One fuzz program: the build defines TEMPERA_FUZZ_ENTRY as one of the functions of entries.h.
+// One fuzz program: the build defines TEMPERA_FUZZ_TARGET as the name of a target.
 #include <cstdint>
 
 #include "entries.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  tempera::fuzz::TEMPERA_FUZZ_ENTRY({reinterpret_cast<const char*>(data), size});
+  tempera::fuzz::run(TEMPERA_FUZZ_TARGET, {reinterpret_cast<const char*>(data), size});
   return 0;
 }
 

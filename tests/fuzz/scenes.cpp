@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <string>
 #include <variant>
 
 #include "entries.h"
@@ -10,19 +11,6 @@
 
 namespace tempera::fuzz {
 namespace {
-
-void import_file(const char* name, std::string_view input) {
-  const std::filesystem::path file = write_input(name, input);
-  expect_bad_input_only([&] {
-    Warnings warnings;
-    ImportOptions options;
-    options.sandbox = true;
-    options.memory_limit = kMemoryLimit;
-    const Scene scene = import_scene(file, options, warnings);
-    warnings.report();
-    exercise(scene, input);
-  });
-}
 
 float random1(std::uint64_t i, std::uint64_t j) { return to_unit_float(std::uint32_t(hash_key(i, j))); }
 
@@ -82,8 +70,17 @@ void exercise(const Scene& scene, std::string_view input) {
   }
 }
 
-void gltf(std::string_view input) { import_file("input.gltf", input); }
-void glb(std::string_view input) { import_file("input.glb", input); }
-void mitsuba(std::string_view input) { import_file("input.xml", input); }
+void scene(std::string_view extension, std::string_view input) {
+  const std::filesystem::path file = write_input("input" + std::string(extension), input);
+  expect_bad_input_only([&] {
+    Warnings warnings;
+    ImportOptions options;
+    options.sandbox = true;
+    options.memory_limit = kMemoryLimit;
+    const Scene imported = import_scene(file, options, warnings);
+    warnings.report();
+    exercise(imported, input);
+  });
+}
 
 }  // namespace tempera::fuzz

@@ -9,8 +9,27 @@
 #include "tempera/core/error.h"
 #include "tempera/core/log.h"
 #include "tempera/core/parallel.h"
+#include "tempera/import/import.h"
 
 namespace tempera::fuzz {
+
+void run(std::string_view target, std::string_view input) {
+  if (target == "lpe") return lpe(input);
+  if (target == "obj") return obj(input);
+  if (target == "ply") return ply(input);
+  if (target == "serialized") return serialized(input);
+#ifdef TEMPERA_FUZZ_SHOT
+  if (target == "shot") return shot(input);
+#endif
+  for (const ImporterEntry* e : importers()) {
+    for (const std::string_view extension : e->extensions) {
+      if (extension.substr(1) == target) return scene(extension, input);
+    }
+    if (e->name == target) return scene(e->extensions[0], input);
+  }
+  std::fprintf(stderr, "seeds/%.*s is of no fuzz target\n", int(target.size()), target.data());
+  std::abort();
+}
 
 void expect_bad_input_only(const std::function<void()>& body) {
   set_log_level(LogLevel::kQuiet);
@@ -44,7 +63,7 @@ const std::filesystem::path& work_folder() {
   return folder;
 }
 
-std::filesystem::path write_input(const char* name, std::string_view input) {
+std::filesystem::path write_input(const std::string& name, std::string_view input) {
   const std::filesystem::path file = work_folder() / name;
   std::ofstream(file, std::ios::binary).write(input.data(), std::streamsize(input.size()));
   return file;

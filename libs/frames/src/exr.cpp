@@ -114,8 +114,8 @@ std::vector<LayerDesc> parse_layers_text(const std::string& text, const std::str
     if (fields.size() != 4) continue;
     for (LayerDesc& d : out) {
       if (d.name != fields[0]) continue;
-      for (const LayerRole r :
-           {LayerRole::kFeature, LayerRole::kPicture, LayerRole::kStatistic, LayerRole::kReconstruction}) {
+      for (const LayerRole r : {LayerRole::kFeature, LayerRole::kPicture, LayerRole::kStatistic,
+                                LayerRole::kReconstruction, LayerRole::kMask}) {
         if (fields[1] == to_string(r)) d.role = r;
       }
       d.pass = fields[2], d.path_class = fields[3];

@@ -33,6 +33,8 @@ std::string_view to_string(LayerRole role) {
       return "statistic";
     case LayerRole::kReconstruction:
       return "reconstruction";
+    case LayerRole::kMask:
+      return "mask";
   }
   return "feature";
 }
@@ -88,6 +90,7 @@ LayerDesc held_color() { return {"held.color", kRgb, units::kRadiance, Combine::
 LayerDesc source() { return {"source", {"X", "Y", "V"}, units::kPixelIndex, Combine::kFirst}; }
 LayerDesc samples() { return {"samples", {"N"}, units::kCount, Combine::kSum}; }
 LayerDesc time() { return {"time", {"T"}, units::kSeconds, Combine::kMean}; }
+LayerDesc mask() { return {"mask", {"M"}, units::kMask, Combine::kFirst, LayerRole::kMask}; }
 
 LayerDesc crypto(int rank, std::string_view kind) {
   return {fmt::format("Crypto{}{:02d}", kind, rank), kRgba, units::kId, Combine::kId};
@@ -138,7 +141,7 @@ const std::vector<LayerDesc>& known() {
       emission(),    motion_forward(),  motion_backward(), grad_x(),         grad_y(),
       grad_t(),      grad_x_variance(), grad_y_variance(), source(),         samples(),
       time(),        color_common(),    color_rare(),      rare_color(),     rare_grad_x(),
-      rare_grad_y(), rare_a(),          rare_b(),          held_color()};
+      rare_grad_y(), rare_a(),          rare_b(),          held_color(),     mask()};
   return list;
 }
 

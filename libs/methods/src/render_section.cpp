@@ -97,7 +97,10 @@ class SectionRender {
       if (pass.domain == Domain::kPaths) {
         for (int f = section_.range().first; f <= section_.range().last; ++f) window_.frame(f);
       } else {
-        for (const int f : section_.frames()) window_.frame(f);
+        for (const int f : section_.frames()) {
+          const auto wants = [&](const Unit& u) { return u.pass == p && u.frame == f && wanted(u); };
+          if (!hooks_.mask || std::any_of(units.begin(), units.end(), wants)) window_.frame(f);
+        }
       }
       std::vector<Image> reads;
       for (const LayerRead& read : pass.reads)
@@ -110,6 +113,18 @@ class SectionRender {
       if (!stop_.stop_requested() && run_unit(units[next++])) ++done;
     });
     return done == units.size();
+  }
+
+  /// Whether a tile has pixels that are asked for.
+  bool wanted(const Unit& unit) const {
+    const Image* mask = hooks_.mask ? hooks_.mask(unit.frame) : nullptr;
+    if (!mask) return true;
+    for (int y = unit.tile.y0; y < unit.tile.y1; ++y) {
+      for (int x = unit.tile.x0; x < unit.tile.x1; ++x) {
+        if (mask->at(x, y) > 0) return true;
+      }
+    }
+    return false;
   }
 
   /// Returns false if it was stopped: it may be incomplete, and counts for nothing.
@@ -125,7 +140,7 @@ class SectionRender {
       if (kept) out.kept_ = *kept;
     }
     RenderCounters counters;
-    method_.run(window_, state_.get(), unit, out, counters, stop_);
+    if (!tiled || wanted(unit)) method_.run(window_, state_.get(), unit, out, counters, stop_);
     if (stop_.stop_requested()) return false;
     const RenderTotals totals(counters);
     section_.commit(unit, out.splats_, std::move(out.to_keep_), totals);

@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include <cctype>
 #include <cerrno>
 #include <cstring>
 #include <fstream>
@@ -14,7 +15,7 @@ namespace tempera {
 
 namespace {
 
-constexpr std::string_view kMagic = "tempera checkpoint 3\n";
+constexpr std::string_view kKind = "tempera checkpoint ", kVersion = "3\n";  // a file begins with both
 
 /// A hash of bytes that come in pieces, whatever the pieces are.
 class RunningHash {
@@ -41,6 +42,16 @@ class RunningHash {
   std::uint64_t hash_ = 0, word_ = 0;
   std::size_t filled_ = 0;
 };
+
+/// Whether the file begins as checkpoints of all versions do, with the number of another one.
+bool is_of_another_version(std::ifstream& stream) {
+  std::string begin(kKind.size() + kVersion.size(), ' ');
+  const bool read = bool(stream.read(begin.data(), std::streamsize(begin.size())));
+  stream.clear();
+  stream.seekg(0);
+  return read && begin.starts_with(kKind) && !begin.ends_with(kVersion) &&
+         std::isdigit(static_cast<unsigned char>(begin[kKind.size()]));
+}
 
 /// Whether the file ends with the hash of what it holds before that.
 bool is_whole(std::ifstream& stream) {
@@ -111,7 +122,7 @@ void save_checkpoint(const std::string& path, const SectionRecord& record, const
     hash.add(data, n);
     stream.write(static_cast<const char*>(data), std::streamsize(n));
   });
-  out.bytes(kMagic.data(), kMagic.size());
+  out.bytes(kKind.data(), kKind.size()), out.bytes(kVersion.data(), kVersion.size());
   record.save(out);
   section.save(out);
   out.value(hash.value());
@@ -125,13 +136,17 @@ void read_checkpoint(const std::string& path,
   std::ifstream stream(path, std::ios::binary);
   if (!stream) throw Error(ErrorCode::kMissingFile, {path}, "cannot be opened");
   const auto damaged = [&] { return Error(ErrorCode::kBadInput, {path}, "it is damaged"); };
+  if (is_of_another_version(stream)) {  // first: it may end in another way
+    throw Error(ErrorCode::kBadInput, {path},
+                fmt::format("it is of another version of tempera than {}", TEMPERA_VERSION));
+  }
   if (!is_whole(stream)) throw damaged();
   ByteReader in(
       [&](void* data, std::size_t n) { return bool(stream.read(static_cast<char*>(data), std::streamsize(n))); });
-  std::string magic(kMagic.size(), ' ');
+  std::string magic(kKind.size() + kVersion.size(), ' ');
   try {
     in.bytes(magic.data(), magic.size());
-    if (magic != kMagic) throw damaged();
+    if (!magic.starts_with(kKind) || !magic.ends_with(kVersion)) throw damaged();
     SectionRecord record;
     record.load(in);
     use(record, in);

@@ -88,19 +88,48 @@ std::size_t units_of(const Sequence& q, const Job& job) {
   return n;
 }
 
-/// The image that says which pixels of a frame are wanted. Errors: those of read_frame; Error{kBadInput}.
-Image read_mask(const Shot& shot, int frame) {
+/// The layer of a mask's file that says which pixels are wanted, and whether it covers the crop window alone.
+struct MaskLayer {
+  std::string name;
+  bool cropped = false;
+};
+
+/// Errors: those of read_header; Error{kBadInput} for another size, or where no layer is known to be the mask.
+MaskLayer find_mask(const Shot& shot, int frame) {
   const std::string path = frame_path(shot.mask, frame);
-  const Frame file = read_frame(path, {.decode = false});
-  if (file.width() != shot.settings.width || file.height() != shot.settings.height) {
-    throw Error(ErrorCode::kBadInput, {path},
-                fmt::format("this mask has {}x{} pixels, the picture has {}x{}", file.width(), file.height(),
-                            shot.settings.width, shot.settings.height));
+  const FrameHeader file = read_header(path, {.decode = false});
+  const RenderSettings& s = shot.settings;
+  const bool whole = file.width == s.width && file.height == s.height;
+  const bool cropped = file.width == s.x1() - s.x0() && file.height == s.y1() - s.y0();
+  if (!whole && !cropped) {
+    throw Error(
+        ErrorCode::kBadInput, {path},
+        fmt::format("this mask has {}x{} pixels, the picture has {}x{}{}", file.width, file.height, s.width, s.height,
+                    s.crop_width > 0 ? fmt::format(", its crop window {}x{}", s.crop_width, s.crop_height) : ""));
   }
-  const Image& first = file.layers().front().image;
-  Image mask(first.width(), first.height(), 1);
-  for (int y = 0; y < mask.height(); ++y) {
-    for (int x = 0; x < mask.width(); ++x) mask.at(x, y) = first.at(x, y);
+  std::vector<std::string> names;
+  for (const LayerDesc& d : file.layers) {
+    if (d.role == LayerRole::kMask) return {d.name, !whole};
+    names.push_back(d.name);
+  }
+  if (names.size() != 1) {
+    throw Error(ErrorCode::kBadInput, {path},
+                fmt::format("none of its layers is a mask; it would be called \"{}\", or be the only one",
+                            layers::mask().name));
+  }
+  return {names[0], !whole};
+}
+
+/// What says which pixels of the full picture are wanted. Errors: those of find_mask and read_frame.
+Image read_mask(const Shot& shot, int frame) {
+  const MaskLayer layer = find_mask(shot, frame);
+  const Frame file = read_frame(frame_path(shot.mask, frame), {.layers = {layer.name}, .decode = false});
+  const Image& from = file.layer(layer.name);
+  const RenderSettings& s = shot.settings;
+  Image mask(s.width, s.height, 1);
+  const int dx = layer.cropped ? s.x0() : 0, dy = layer.cropped ? s.y0() : 0;
+  for (int y = 0; y < from.height(); ++y) {
+    for (int x = 0; x < from.width(); ++x) mask.at(x + dx, y + dy) = from.at(x, y);
   }
   return mask;
 }
@@ -539,6 +568,9 @@ RenderReport render_sequence(const Shot& shot, const Scene& scene, const RenderO
   const std::vector<Job> jobs = jobs_of(q, plan.frames);
   for (const Job& job : jobs) plan.units += units_of(q, job);
   check_camera(q, plan.frames);
+  for (const int f : plan.frames) {
+    if (!shot.mask.empty()) find_mask(shot, f);
+  }
   if (plan.frames.size() > 1 && !has_frame_pattern(shot.output)) {
     throw Error(ErrorCode::kUsage, fmt::format("{} cannot hold {} frames; write {}", shot.output, plan.frames.size(),
                                                numbered_pattern(shot.output)));

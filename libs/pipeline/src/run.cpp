@@ -97,29 +97,81 @@ HaloLoss halo_loss(std::span<const StageChoice> chain, SequenceDesc source, cons
   return loss;
 }
 
-/// Where the frames of each step go.
-void plan_places(const ShotConfig& config, const Shot& shot, RunPlan& plan) {
+/// Where the frames of each step go. `steps`: those of the plan. What a stage is asked to leave somewhere is filled, if
+/// it writes a mask; what it wrote and the pixels that it lacked are beside it.
+void plan_places(const ShotConfig& config, const Shot& shot, std::span<const StageStep> steps, RunPlan& plan) {
   const fs::path rendered = plan.render.output;
   const std::string name = rendered.filename().string();
   if (plan.render.frames.size() > 1) plan.render.output = numbered_pattern(plan.render.output);
   std::vector<std::string> places{plan.render.output};
   for (std::size_t i = 0; i < plan.stages.size(); ++i) {
     RunStage& stage = plan.stages[i];
-    const bool last = i + 1 == plan.stages.size();
-    const std::string& own = stage.choice.entry->name;
+    const ShotStage& asked = shot.stages[steps[i].asked];
+    const std::string& own = asked.choice.entry->name;
     const std::string key = own + ".path";
-    stage.output = shot.stages[i].path.empty() ? (rendered.parent_path() / (last ? "final" : own) / name).string()
-                                               : settle_output(config, shot, key, name);
-    if (stage.frames.size() > 1) stage.output = numbered_pattern(stage.output);
-    for (const std::string& place : places) {
-      if (fs::absolute(stage.output).lexically_normal() != fs::absolute(place).lexically_normal()) continue;
-      throw Error(ErrorCode::kBadInput, config.loc(key),
-                  fmt::format("the {} {} would replace those that they are made of; name another place",
-                              stage.choice.entry->output_help, stage.output));
+    const auto beside = [&](const std::string& folder) { return (rendered.parent_path() / folder / name).string(); };
+    const auto put = [&](std::string& output, std::string place) {
+      output = stage.frames.size() > 1 ? numbered_pattern(place) : std::move(place);
+      for (const std::string& other : places) {
+        if (fs::absolute(output).lexically_normal() != fs::absolute(other).lexically_normal()) continue;
+        throw Error(ErrorCode::kBadInput, config.loc(key),
+                    fmt::format("the {} {} would replace those that they are made of; name another place",
+                                asked.choice.entry->output_help, output));
+      }
+      places.push_back(output);
+    };
+    if (stage.pixels) {
+      stage.pixels->mask = plan.stages[i - 1].output;
+      put(stage.pixels->output, beside(own + ".pixels"));
     }
-    places.push_back(stage.output);
+    if (i + 1 < steps.size() && steps[i + 1].fills()) {
+      put(stage.output, beside(own + ".masked"));
+    } else {
+      put(stage.output, asked.path.empty() ? beside(i + 1 == plan.stages.size() ? "final" : own)
+                                           : settle_output(config, shot, key, name));
+    }
   }
   plan.output = plan.stages.back().output;
+}
+
+/// What renders pixels for `step`, which fills them in: the shot, at the size of the step's frames. Errors:
+/// Error{kUnsupported | kBadInput} where the integrator or the crop window does not let it.
+Shot pixel_shot(const ShotConfig& config, const Shot& shot, const StageStep& step) {
+  const std::string& who = shot.stages[step.asked].choice.entry->name;
+  if (!shot.mask.empty()) {
+    throw Error(
+        ErrorCode::kBadInput, config.loc("film.mask"),
+        fmt::format("the stage {} has pixels rendered by a mask of its own: a shot with it takes no other", who));
+  }
+  const auto fail = [&](ErrorCode code, const std::string& why) {
+    throw Error(code, config.loc("stages", step.asked),
+                fmt::format("the stage {} has single pixels rendered, {}", who, why));
+  };
+  if (!find_method(shot.integrator).make(shot.params)->renders_single_pixels()) {
+    fail(ErrorCode::kUnsupported,
+         fmt::format("but the integrator \"{}\" with these parameters renders whole pictures alone", shot.integrator));
+  }
+  Shot pixels = shot;
+  RenderSettings& s = pixels.settings;
+  const int width = step.out.width, height = step.out.height;
+  if (s.crop_width == 0) {
+    s.width = width, s.height = height;
+  } else {
+    const auto scale = [](int& value, int to, int from) {
+      const std::int64_t scaled = std::int64_t(value) * to;
+      value = int(scaled / from);
+      return scaled % from == 0;
+    };
+    const int w = s.crop_width, h = s.crop_height;
+    bool whole = true;
+    for (int* v : {&s.width, &s.crop_x, &s.crop_width}) whole &= scale(*v, width, w);
+    for (int* v : {&s.height, &s.crop_y, &s.crop_height}) whole &= scale(*v, height, h);
+    if (!whole) {
+      fail(ErrorCode::kBadInput,
+           fmt::format("{}x{} of a crop window of {}x{}, which lies between pixels at that size", width, height, w, h));
+    }
+  }
+  return pixels;
 }
 
 /// `layers`: of the rendered frames. Returns those of the result.
@@ -138,27 +190,28 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
                     shot.sequence.first, shot.sequence.last, source.sequence.first, source.sequence.last));
   }
   std::vector<StageChoice> chain;
-  for (const ShotStage& s : shot.stages) {
-    chain.push_back(s.choice);
-    // The files between steps are read by stages: under our names, and without loss. What was asked for holds for the
-    // result.
-    WriteOptions between = shot.write;
-    between.names = AovNames::kTempera, between.half = false;
-    if (between.compression == Compression::kDwaa) between.compression = Compression::kZip;
-    plan.stages.push_back({s.choice, "", {}, {}, between});
-  }
-  plan.stages.back().write = shot.final_write;
+  for (const ShotStage& s : shot.stages) chain.push_back(s.choice);
+  // The files between steps are read by stages: under our names, and without loss. What was asked for holds for the
+  // result.
+  WriteOptions between = shot.write;
+  between.names = AovNames::kTempera, between.half = false;
+  if (between.compression == Compression::kDwaa) between.compression = Compression::kZip;
   plan.render.write.names = AovNames::kTempera;
   if (plan.render.write.compression == Compression::kDwaa) plan.render.write.compression = Compression::kZip;
 
   const std::vector<StageSection> sections = sections_of(shot.frames, source.sequence, shot.halo);
   std::set<int> rendered;
+  std::vector<StageStep> steps;
   try {
     for (const StageSection& section : sections) {
       source.reach = *section.reach;
       const StagePlan chained = plan_stages(chain, source, section.frames);
       rendered.insert(chained.source.begin(), chained.source.end());
-      for (std::size_t i = 0; i < chain.size(); ++i) {
+      if (steps.empty()) {
+        steps = chained.steps;
+        for (const StageStep& step : steps) plan.stages.push_back({step.choice, "", {}, {}, between, {}});
+      }
+      for (std::size_t i = 0; i < steps.size(); ++i) {
         const std::vector<int>& frames = chained.steps[i].frames;
         RunStage& stage = plan.stages[i];
         stage.frames.insert(stage.frames.end(), frames.begin(), frames.end());
@@ -174,6 +227,14 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
     if (!e.loc().file.empty() || !config.find("stages")) throw;
     throw Error(e.code(), config.loc("stages"), e.message());
   }
+  plan.stages.back().write = shot.final_write;
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    if (!steps[i].fills()) continue;
+    Shot pixels = pixel_shot(config, shot, steps[i]);
+    pixels.frames = plan.stages[i].frames;
+    pixels.write = between;
+    plan.stages[i].pixels = std::move(pixels);
+  }
   const std::vector<int>& made = plan.stages.back().frames;
   std::erase_if(plan.frames, [&](int f) { return !std::binary_search(made.begin(), made.end(), f); });
   if (plan.frames.empty()) {
@@ -184,7 +245,7 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
   for (const int f : plan.render.frames) {
     if (std::find(shot.frames.begin(), shot.frames.end(), f) == shot.frames.end()) plan.neighbors.push_back(f);
   }
-  plan_places(config, shot, plan);
+  plan_places(config, shot, steps, plan);
   return layers;
 }
 
@@ -232,7 +293,29 @@ std::vector<FrameSequence> stage_input(const RunPlan& plan, std::size_t step) {
   const FrameSequence rendered(plan.render.output, plan.render.frames);
   std::vector<FrameSequence> in(plan.stages[step].choice.entry->ports.size(), rendered);
   if (step > 0) in[0] = FrameSequence(plan.stages[step - 1].output, plan.stages[step - 1].frames);
+  if (const auto& pixels = plan.stages[step].pixels) in[1] = FrameSequence(pixels->output, pixels->frames);
   return in;
+}
+
+void run_stages(const RunPlan& plan, const Scene& scene, const RenderOptions& options, RunObserver& observer,
+                const std::stop_token& stop) {
+  for (std::size_t i = 0; i < plan.stages.size(); ++i) {
+    const RunStage& stage = plan.stages[i];
+    if (stage.pixels) {
+      RenderOptions of_pixels = options;
+      of_pixels.reuse.clear();
+      for (const int f : stage.frames) {
+        if (std::find(plan.frames.begin(), plan.frames.end(), f) == plan.frames.end()) of_pixels.reuse.push_back(f);
+      }
+      const std::unique_ptr<RenderObserver> watching = observer.begin_pixels(stage);
+      RenderObserver* const observers[] = {watching.get()};
+      observer.end_pixels(stage, render_sequence(*stage.pixels, scene, of_pixels, observers, stop));
+    }
+    const StageOptions of_stage{
+        .sections = stage.sections, .resume = options.resume, .write = stage.write, .command = options.command};
+    const std::unique_ptr<StageObserver> watching = observer.begin_stage(stage);
+    observer.end_stage(stage, run_stage(stage.choice, stage_input(plan, i), stage.output, of_stage, *watching, stop));
+  }
 }
 
 std::string movie_identity(const FrameSequence& frames, const VideoOptions& options) {

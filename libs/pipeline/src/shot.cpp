@@ -261,6 +261,9 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
     while (!name.empty() && name.back() == ' ') name.remove_suffix(1);
     const SourceLoc loc = config.loc("stages", i);
     const StageEntry& entry = find_stage(std::string(name), loc);
+    if (!entry.inserted_help.empty()) {
+      throw Error(ErrorCode::kBadInput, loc, fmt::format("{} is not named: it {}", name, entry.inserted_help));
+    }
     for (const ShotStage& s : shot.stages) {
       if (s.choice.entry == &entry)
         throw Error(ErrorCode::kBadInput, loc, fmt::format("the stage {} is named twice", name));

@@ -49,8 +49,8 @@ std::vector<ShotKey> own_keys() {
       {{"film.scale", 100.0, "percentage of the resolution that is rendered; fractions of pixels are cut off", 0.1, 1000}, "--resolution-scale", "PERCENT"},
       {{"film.crop", "", "part of the picture to render: left, top, width, height in pixels of the full resolution"}, "--crop", "X,Y,W,H",
        "the scene's, else the whole picture", true},
-      {{"film.mask", "", "image of the picture's size, or names such as mask.####.exr: only pixels above 0 are rendered, each as in "
-                         "the whole picture"}, "--mask", "FILE"},
+      {{"film.mask", "", "image of the picture's size or the crop window's, or names such as mask.####.exr: only pixels that are above 0 in its layer "
+                         "mask, or its only layer, are rendered, each as in the whole picture"}, "--mask", "FILE"},
       {{"film.filter", "box", "pixel filter", -kMany, kMany, {"box", "tent", "gaussian", "mitchell", "blackman_harris"}},
        "--filter", "NAME[:RADIUS]", "the scene's, else box"},
       {{"film.filter_radius", 0.0, "radius of the filter in pixels; 0: the filter's usual one", 0, 16}, "", "PIXELS"},
@@ -112,6 +112,7 @@ std::vector<ShotKey> all_keys() {
   add("camera.", "camera.name", camera_params(), true);
   std::string automatic;
   for (const StageEntry* e : stage_catalog()) {
+    if (!e->inserted_help.empty()) continue;
     ShotKey path{{e->name + ".path", "",
                   e->output_help + " that run makes, where this stage is among those of the shot; as output.path"},
                  "",

@@ -364,15 +364,15 @@ TEST(Shot, SandboxHoldsForTheFileOnly) {
 }
 
 TEST(Materials, EveryTypeHasWorkingDefaults) {
-  for (const MaterialEntry& e : material_catalog()) {
+  for (const MaterialEntry* e : material_catalog()) {
     Scene s = scene();
-    override_material(s, "Paint", {{"type", e.name}}, {{"type", {}}}, {});
-    ASSERT_TRUE(s.shapes[0].material) << e.name;
+    override_material(s, "Paint", {{"type", e->name}}, {{"type", {}}}, {});
+    ASSERT_TRUE(s.shapes[0].material) << e->name;
     ShadingPoint p;
     p.wo = {0, 0, 1};
     Bsdf bsdf;
     s.shapes[0].material->add_lobes(p, 1, bsdf);
-    EXPECT_FALSE(bsdf.empty()) << e.name;
+    EXPECT_FALSE(bsdf.empty()) << e->name;
   }
 }
 

@@ -30,4 +30,25 @@ class Conductor final : public Material {
 
 MaterialPtr make_conductor(const ConductorParams& params) { return std::make_shared<Conductor>(params); }
 
+namespace {
+MaterialPtr conductor_from(const MaterialValues& v) {
+  ConductorParams p;
+  p.eta = v.color_slot("eta");
+  p.k = v.color_slot("k");
+  p.specular_reflectance = v.color_slot("reflectance");
+  p.roughness = roughness_from(v);
+  return make_conductor(p);
+}
+}  // namespace
+
+extern const MaterialEntry conductor_material;
+const MaterialEntry conductor_material{"conductor",
+                                       "metal, smooth or rough",
+                                       {{"eta", "0", "real part of the index of refraction: number or three"},
+                                        {"k", "1", "imaginary part; eta 0 and k 1 reflect everything"},
+                                        {"reflectance", "1", "factor of the reflection: color or image"},
+                                        roughness_param(),
+                                        distribution_param()},
+                                       conductor_from};
+
 }  // namespace tempera

@@ -57,4 +57,33 @@ MaterialPtr make_dielectric(const DielectricParams& params) {
   return std::make_shared<Dielectric>(params);
 }
 
+namespace {
+MaterialPtr dielectric_from(const MaterialValues& v) {
+  DielectricParams p;
+  p.int_ior = float(v.params().get_double("int_ior"));
+  p.ext_ior = float(v.params().get_double("ext_ior"));
+  p.specular_reflectance = v.color_slot("reflectance");
+  p.specular_transmittance = v.color_slot("transmittance");
+  p.thin = v.params().get_bool("thin");
+  p.roughness = roughness_from(v);
+  if (p.thin && p.roughness.rough) {
+    throw Error(ErrorCode::kBadInput, v.loc("roughness"), "a thin dielectric is smooth: roughness must be 0");
+  }
+  return make_dielectric(p);
+}
+}  // namespace
+
+extern const MaterialEntry dielectric_material;
+const MaterialEntry dielectric_material{
+    "dielectric",
+    "glass and other clear solids and liquids, smooth, thin or rough",
+    {ior_param(1.5046),
+     outer_ior_param(),
+     {"reflectance", "1", "factor of the reflection: color or image"},
+     {"transmittance", "1", "factor of the transmission: color or image"},
+     {"thin", false, "two parallel interfaces without refraction between them, e.g. a pane"},
+     roughness_param(),
+     distribution_param()},
+    dielectric_from};
+
 }  // namespace tempera

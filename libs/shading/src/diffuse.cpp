@@ -34,4 +34,12 @@ class Black final : public Material {
 MaterialPtr make_diffuse(Slot reflectance) { return std::make_shared<Diffuse>(std::move(reflectance)); }
 MaterialPtr make_black() { return std::make_shared<Black>(); }
 
+namespace {
+MaterialPtr diffuse_from(const MaterialValues& v) { return make_diffuse(v.color_slot("reflectance")); }
+}  // namespace
+
+extern const MaterialEntry diffuse_material;
+const MaterialEntry diffuse_material{
+    "diffuse", "ideally diffuse reflection", {{"reflectance", "0.5", "color or image"}}, diffuse_from};
+
 }  // namespace tempera

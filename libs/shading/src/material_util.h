@@ -5,6 +5,7 @@
 #include <initializer_list>
 
 #include "tempera/shading/material.h"
+#include "tempera/shading/material_catalog.h"
 #include "tempera/shading/shading_normal.h"
 
 namespace tempera {
@@ -38,6 +39,24 @@ inline bool any_texture(const Roughness& r) { return r.rough && any_texture({&r.
 /// Brightness that decides between specular and diffuse sampling, as Mitsuba averages it: constants over the channels,
 /// textures by luminance.
 inline float sampling_mean(const Slot& slot) { return slot.texture ? luminance(slot.mean()) : mean(slot.mean()); }
+
+// Parameters that several types have.
+inline ParamSpec roughness_param(const char* fallback = "0") {
+  return {"roughness", fallback, "microfacet roughness alpha in [0,1], or an image; 0: smooth"};
+}
+inline ParamSpec distribution_param() {
+  return {"distribution", "ggx", "microfacet distribution", -1e300, 1e300, {"ggx", "beckmann"}};
+}
+inline ParamSpec ior_param(double fallback) { return {"int_ior", fallback, "index of refraction inside", 1, 5}; }
+inline ParamSpec outer_ior_param() { return {"ext_ior", 1.000277, "index of refraction outside", 1, 5}; }
+
+inline Roughness roughness_from(const MaterialValues& v) {
+  Roughness r;
+  r.alpha_u = r.alpha_v = v.scalar_slot("roughness");
+  r.rough = !r.alpha_u.is_constant() || r.alpha_u.mean().r > 0;
+  r.distribution = v.params().get_string("distribution") == "ggx" ? Microfacets::kGgx : Microfacets::kBeckmann;
+  return r;
+}
 
 /// Throws Error{kOutOfRange} unless both indices are positive and finite.
 void check_ior(const char* material, float int_ior, float ext_ior);

@@ -233,4 +233,54 @@ MaterialPtr make_metallic_roughness(const MetallicRoughnessParams& params) {
   return std::make_shared<MetallicRoughness>(params);
 }
 
+namespace {
+MaterialPtr metallic_roughness_from(const MaterialValues& v) {
+  MetallicRoughnessParams p;
+  p.base_color = v.color_slot("base_color");
+  p.metallic = v.scalar_slot("metallic");
+  p.roughness = v.scalar_slot("roughness");
+  p.transmission = v.scalar_slot("transmission");
+  p.specular = v.scalar_slot("specular");
+  p.specular_color = v.color_slot("specular_color");
+  p.ior = float(v.params().get_double("ior"));
+  p.clearcoat = v.scalar_slot("clearcoat");
+  p.clearcoat_roughness = v.scalar_slot("clearcoat_roughness");
+  p.sheen_color = v.color_slot("sheen_color");
+  p.sheen_roughness = v.scalar_slot("sheen_roughness");
+  p.thin_walled = v.params().get_bool("thin_walled");
+  p.attenuation_color = v.color("attenuation_color");
+  const double distance = v.params().get_double("attenuation_distance");
+  p.attenuation_distance = distance > 0 ? float(distance) : kInfinity;
+  p.tints_once = v.params().get_string("solid_tint") == "once";
+  p.double_sided = v.two_sided().value_or(true);
+  return make_metallic_roughness(p);
+}
+}  // namespace
+
+extern const MaterialEntry metallic_roughness_material;
+const MaterialEntry metallic_roughness_material{
+    "metallic_roughness",
+    "glTF's material",
+    {{"base_color", "1", "color or image"},
+     {"metallic", "1", "in [0,1], or an image"},
+     {"roughness", "1", "perceptual roughness in [0,1], or an image"},
+     {"transmission", "0", "in [0,1], or an image"},
+     {"specular", "1", "in [0,1], or an image"},
+     {"specular_color", "1", "color or image"},
+     {"ior", 1.5, "index of refraction", 1, 5},
+     {"clearcoat", "0", "in [0,1], or an image"},
+     {"clearcoat_roughness", "0", "in [0,1], or an image"},
+     {"sheen_color", "0", "color or image"},
+     {"sheen_roughness", "0", "in [0,1], or an image"},
+     {"thin_walled", true, "false: a solid body that refracts"},
+     {"solid_tint",
+      "twice",
+      "solid bodies: whether base_color tints light as it enters and again as it leaves, or once in all",
+      -1e300,
+      1e300,
+      {"twice", "once"}},
+     {"attenuation_color", "1", "color of white light after `attenuation_distance` inside"},
+     {"attenuation_distance", 0.0, "meters; 0: no attenuation", 0, 1e9}},
+    metallic_roughness_from};
+
 }  // namespace tempera

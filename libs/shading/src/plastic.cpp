@@ -148,4 +148,29 @@ MaterialPtr make_plastic(const PlasticParams& params) {
   return std::make_shared<Plastic>(params);
 }
 
+namespace {
+MaterialPtr plastic_from(const MaterialValues& v) {
+  PlasticParams p;
+  p.int_ior = float(v.params().get_double("int_ior"));
+  p.ext_ior = float(v.params().get_double("ext_ior"));
+  p.diffuse_reflectance = v.color_slot("reflectance");
+  p.specular_reflectance = v.color_slot("specular");
+  p.nonlinear = v.params().get_bool("nonlinear");
+  p.roughness = roughness_from(v);
+  return make_plastic(p);
+}
+}  // namespace
+
+extern const MaterialEntry plastic_material;
+const MaterialEntry plastic_material{"plastic",
+                                     "diffuse base under a clear coat",
+                                     {{"reflectance", "0.5", "of the base: color or image"},
+                                      {"specular", "1", "factor of the coat's reflection: color or image"},
+                                      {"nonlinear", false, "color shifts of the scattering inside"},
+                                      ior_param(1.49),
+                                      outer_ior_param(),
+                                      roughness_param(),
+                                      distribution_param()},
+                                     plastic_from};
+
 }  // namespace tempera

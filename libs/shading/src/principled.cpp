@@ -72,4 +72,40 @@ MaterialPtr make_principled(const PrincipledParams& params) {
   return std::make_shared<Principled>(params);
 }
 
+namespace {
+MaterialPtr principled_from(const MaterialValues& v) {
+  PrincipledParams p;
+  p.base_color = v.color_slot("base_color");
+  p.roughness = v.scalar_slot("roughness");
+  p.anisotropic = v.scalar_slot("anisotropic");
+  p.metallic = v.scalar_slot("metallic");
+  p.spec_trans = v.scalar_slot("spec_trans");
+  p.spec_tint = v.scalar_slot("spec_tint");
+  p.sheen = v.scalar_slot("sheen");
+  p.sheen_tint = v.scalar_slot("sheen_tint");
+  p.flatness = v.scalar_slot("flatness");
+  p.clearcoat = v.scalar_slot("clearcoat");
+  p.clearcoat_gloss = v.scalar_slot("clearcoat_gloss");
+  p.eta = float(v.params().get_double("eta"));
+  return make_principled(p);
+}
+}  // namespace
+
+extern const MaterialEntry principled_material;
+const MaterialEntry principled_material{"principled",
+                                        "Mitsuba's principled material",
+                                        {{"base_color", "0.5", "color or image"},
+                                         {"roughness", "0.5", "perceptual roughness in [0,1], or an image"},
+                                         {"anisotropic", "0", "in [0,1]"},
+                                         {"metallic", "0", "in [0,1], or an image"},
+                                         {"spec_trans", "0", "specular transmission in [0,1]"},
+                                         {"spec_tint", "0", "in [0,1]"},
+                                         {"sheen", "0", "in [0,1]"},
+                                         {"sheen_tint", "0", "in [0,1]"},
+                                         {"flatness", "0", "in [0,1]"},
+                                         {"clearcoat", "0", "in [0,1]"},
+                                         {"clearcoat_gloss", "0", "in [0,1]"},
+                                         {"eta", 1.5, "index of refraction relative to the outside", 1, 5}},
+                                        principled_from};
+
 }  // namespace tempera

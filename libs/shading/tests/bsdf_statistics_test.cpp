@@ -2,6 +2,7 @@
 // Properties that every BSDF must have: samples follow the density, weights sum to the integral, energy is not gained,
 // reciprocity, event split, finite numbers everywhere.
 #include <map>
+#include <set>
 
 #include "shading_test_util.h"
 #include "support/chi_square.h"
@@ -15,14 +16,7 @@ using test::bsdf_of;
 using test::effort;
 using test::Random;
 
-struct Case {
-  std::string name;
-  MaterialPtr material;
-  bool transmits = false;
-  float eta = 1;           ///< inside over outside
-  bool reciprocal = true;  ///< f(wo, wi) = f(wi, wo), with eta^2 across an interface
-  float gain = 0;          ///< energy above 1 that the published model has
-};
+using Case = test::BsdfCase;
 
 Roughness rough(float u, float v, Microfacets type, bool visible = true) { return {true, type, u, v, visible}; }
 
@@ -132,6 +126,7 @@ const std::vector<Case>& cases() {
                                                          p.roughness = 0.6f;
                                                        })),
                  false, 1, false, 0.1f});
+    for (const auto& make : test::added_bsdf_cases()) c.push_back(make());
     return c;
   }();
   return all;
@@ -545,6 +540,16 @@ TEST(Bsdf, OneSidedMaterialsAreBlackFromBehindAndTwoSidedOnesAreNot) {
   const Bsdf both = bsdf_of(*make_two_sided(make_diffuse(0.5f)), below);
   EXPECT_NEAR(both.eval(below, {0, 0, -1}).sum().g, 0.5f * kInvPi, 1e-6f);
   EXPECT_EQ(both.eval(below, {0, 0, 1}).pdf, 0);
+}
+
+TEST(MaterialCatalog, EveryTypeScattersByItsDefaults) {
+  std::set<std::string> names;
+  for (const MaterialEntry* e : material_catalog()) {
+    EXPECT_TRUE(names.insert(e->name).second) << e->name;
+    EXPECT_EQ(find_material(e->name), e);
+    EXPECT_FALSE(bsdf_of(*test::catalog_material(e->name), Vec3f{0, 0, 1}).empty()) << e->name;
+  }
+  EXPECT_EQ(find_material("diffus"), nullptr);
 }
 
 TEST(Mask, OpacityIsAskedSeparately) {

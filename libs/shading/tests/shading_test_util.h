@@ -6,10 +6,13 @@
 
 #include <cmath>
 #include <filesystem>
+#include <functional>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "tempera/core/random.h"
-#include "tempera/shading/material.h"
+#include "tempera/shading/material_catalog.h"
 
 namespace tempera::test {
 
@@ -53,6 +56,39 @@ inline Bsdf bsdf_of(const Material& material, const ShadingPoint& point) {
   return bsdf;
 }
 inline Bsdf bsdf_of(const Material& material, const Vec3f& wo) { return bsdf_of(material, plane_point(wo)); }
+
+/// A material whose samples, energy and reciprocity bsdf_statistics_test.cpp checks.
+struct BsdfCase {
+  std::string name;
+  MaterialPtr material;
+  bool transmits = false;
+  float eta = 1;           ///< inside over outside
+  bool reciprocal = true;  ///< f(wo, wi) = f(wi, wo), with eta^2 across an interface
+  float gain = 0;          ///< energy above 1 that the published model has
+};
+/// A type of the catalog whose colors are `color`, all else by default.
+inline MaterialPtr catalog_material(std::string_view name, const Rgb& color = Rgb(0.5f)) {
+  struct Values final : MaterialValues {
+    Slot color_slot(const std::string&) const override { return tint; }
+    Slot scalar_slot(const std::string& n) const override { return parse_color(others.get_string(n)).value(); }
+    Rgb color(const std::string&) const override { return tint; }
+    const Params& params() const override { return others; }
+    Rgb tint;
+    Params others;
+  } values;
+  const MaterialEntry* entry = find_material(name);
+  values.tint = color;
+  values.others = Params(entry->params);
+  return entry->make(values);
+}
+/// Cases of other test files; each adds its own as a global AddBsdfCase.
+inline std::vector<std::function<BsdfCase()>>& added_bsdf_cases() {
+  static std::vector<std::function<BsdfCase()>> cases;
+  return cases;
+}
+struct AddBsdfCase {
+  explicit AddBsdfCase(std::function<BsdfCase()> make) { added_bsdf_cases().push_back(std::move(make)); }
+};
 
 /// A folder that is removed at the end.
 class TemporaryFolder {

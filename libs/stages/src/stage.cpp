@@ -23,6 +23,10 @@ bool SequenceDesc::has(const LayerDesc& layer) const {
   return std::any_of(layers.begin(), layers.end(), [&](const LayerDesc& d) { return d.name == layer.name; });
 }
 
+bool SequenceDesc::has_mask() const {
+  return std::any_of(layers.begin(), layers.end(), [](const LayerDesc& d) { return d.role == LayerRole::kMask; });
+}
+
 std::span<const SequenceDesc> FrameWindow::in() const { return run_.in(); }
 
 void FrameWindow::move_to(int frame, const Stage& stage) {

@@ -6,23 +6,42 @@
 #include <algorithm>
 #include <set>
 
+#include "tempera/stages/fill.h"
+
 namespace tempera {
+
+namespace {
+
+/// A step whose inputs are known, with what comes out of it. Errors: MissingLayerError; those of Stage::output.
+StageStep make_step(const StageChoice& choice, const Stage& stage, std::size_t asked, std::vector<SequenceDesc> in) {
+  if (auto use = missing_layer(stage, in)) {
+    std::string message = fmt::format("the stage {} needs the layer \"{}\"", choice.entry->name, use->layer.name);
+    throw MissingLayerError(asked, std::move(*use), std::move(message));
+  }
+  SequenceDesc out = stage.output(in);
+  return {choice, asked, std::move(in), std::move(out), {}};
+}
+
+}  // namespace
+
+bool StageStep::fills() const { return choice.entry == &fill_entry; }
 
 StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& source, std::span<const int> wanted) {
   StagePlan plan;
   std::vector<std::unique_ptr<Stage>> stages;
+  const auto add = [&](const StageChoice& choice, std::size_t asked, std::vector<SequenceDesc> in) {
+    stages.push_back(choice.make());
+    plan.steps.push_back(make_step(choice, *stages.back(), asked, std::move(in)));
+  };
   for (std::size_t i = 0; i < chain.size(); ++i) {
-    const StageEntry& entry = *chain[i].entry;
-    stages.push_back(chain[i].make());
-    StageStep step;
-    step.in.assign(entry.ports.size(), source);
-    if (i > 0) step.in[0] = plan.steps[i - 1].out;
-    if (auto use = missing_layer(*stages[i], step.in)) {
-      std::string message = fmt::format("the stage {} needs the layer \"{}\"", entry.name, use->layer.name);
-      throw MissingLayerError(i, std::move(*use), std::move(message));
-    }
-    step.out = stages[i]->output(step.in);
-    plan.steps.push_back(std::move(step));
+    std::vector<SequenceDesc> in(chain[i].entry->ports.size(), source);
+    if (i > 0) in[0] = plan.steps.back().out;
+    add(chain[i], i, std::move(in));
+    const SequenceDesc made = plan.steps.back().out;
+    if (!made.has_mask()) continue;
+    SequenceDesc pixels = made;
+    pixels.layers = source.layers;
+    add({&fill_entry, {}}, i, {made, pixels});
   }
 
   // Backwards: `needed` of the step that is looked at, and of the source.
@@ -31,9 +50,10 @@ StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& so
   for (const int f : wanted) {
     if (last.has(f)) needed.insert(f);
   }
-  for (std::size_t i = chain.size(); i-- > 0;) {
+  for (std::size_t i = plan.steps.size(); i-- > 0;) {
     StageStep& step = plan.steps[i];
     step.frames.assign(needed.begin(), needed.end());
+    if (step.fills()) continue;  // it takes each frame from the one of this number
     needed.clear();
     for (int port = 0; port < int(step.in.size()); ++port) {
       std::set<int>& into = port == 0 ? needed : of_source;
@@ -41,9 +61,10 @@ StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& so
         const std::vector<int> inputs = stages[i]->inputs(port, f, step.in);
         for (const int g : inputs) {
           if (!step.in[port].has(g)) {
-            const std::string before = port == 0 && i > 0 ? "the stage " + chain[i - 1].entry->name : "the render";
+            const bool rendered = port > 0 || step.asked == 0;
+            const std::string before = rendered ? "the render" : "the stage " + chain[step.asked - 1].entry->name;
             throw Error(ErrorCode::kBadInput, fmt::format("the stage {} needs frame {}, which {} does not make",
-                                                          chain[i].entry->name, g, before));
+                                                          step.choice.entry->name, g, before));
           }
           into.insert(g);
         }

@@ -160,10 +160,10 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
   // The files that a frame depends on, and so whether it has to be done.
   std::map<std::string, std::string> identities;  // by path
   std::map<int, std::string> targets;             // frame -> fingerprint
-  std::set<int> missing;
   for (StageRun& run : runs) {
-    for (const int f : run.frames_) {
-      for (int port = 0; port < int(in.size()); ++port) {
+    for (int port = 0; port < int(in.size()); ++port) {
+      std::set<int> missing;
+      for (const int f : run.frames_) {
         std::error_code ignored;
         if (std::filesystem::equivalent(run.path(f, port), out_path(f), ignored)) {
           throw Error(ErrorCode::kUsage, fmt::format("frame {} would replace its own input {}; name another output", f,
@@ -174,9 +174,9 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
           if (!in[port].has(g)) missing.insert(g);
         }
       }
-    }
-    if (!missing.empty()) {
-      throw Error(ErrorCode::kBadInput, fmt::format("{} lacks frames in between: {}; {}", in[0].pattern(),
+      if (missing.empty()) continue;
+      throw Error(ErrorCode::kBadInput, fmt::format("{} lacks {}: {}; {}", in[port].pattern(),
+                                                    port == 0 ? "frames in between" : "frames that go with the others",
                                                     list_frames({missing.begin(), missing.end()}), entry.gap_help));
     }
   }

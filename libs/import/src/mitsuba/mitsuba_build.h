@@ -16,6 +16,10 @@
 #include "tempera/core/log.h"
 #include "tempera/scene/scene.h"
 
+namespace tempera {
+struct MaterialEntry;
+}
+
 namespace tempera::mitsuba {
 
 /// What a spectrum describes, which decides how it becomes RGB.
@@ -92,6 +96,8 @@ class Builder {
   };
   MaterialPtr material(const Object& bsdf);
   MaterialPtr make_material(const Object& bsdf);
+  /// A type of material_catalog() that is no plugin of Mitsuba's, by its name and parameters.
+  MaterialPtr catalog_material(const Object& bsdf, const MaterialEntry& entry);
   NamedMaterial shape_material(const Object& shape, bool emits);
   float index_of_refraction(const Object& bsdf, std::string_view name, std::string_view fallback) const;
   Roughness roughness(const Object& bsdf);

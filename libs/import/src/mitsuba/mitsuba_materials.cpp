@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "mitsuba_build.h"
+#include "tempera/shading/material_catalog.h"
 #include "tempera/shading/spectrum.h"
 
 namespace tempera::mitsuba {
@@ -260,9 +261,41 @@ MaterialPtr Builder::make_material(const Object& bsdf) {
     substitute("diffuse on both sides");
     return make_two_sided(make_diffuse(slot(bsdf, "transmittance", 0.5f)));
   }
+  if (const MaterialEntry* ours = find_material(plugin)) return catalog_material(bsdf, *ours);
   substitute("diffuse");
   for (const Property& p : bsdf.properties) p.used = true;  // one message is enough
   return make_diffuse();
+}
+
+MaterialPtr Builder::catalog_material(const Object& bsdf, const MaterialEntry& entry) {
+  struct Values final : MaterialValues {
+    Values(Builder& b, const Object& o, const MaterialEntry& e) : builder(b), object(o), others(e.params) {
+      for (const ParamSpec& s : e.params) {
+        if (const bool* on = std::get_if<bool>(&s.fallback)) others.set(s.name, b.boolean(o, s.name, *on));
+        if (const int* n = std::get_if<int>(&s.fallback))
+          others.set(s.name, b.integer(o, s.name, *n, int(s.min), int(s.max)));
+        if (const double* x = std::get_if<double>(&s.fallback))
+          others.set(s.name, b.number(o, s.name, *x, s.min, s.max));
+        if (s.choices.empty()) continue;
+        const std::vector<std::string_view> choices(s.choices.begin(), s.choices.end());
+        others.set(s.name, b.choice(o, s.name, std::get<std::string>(s.fallback), choices));
+      }
+    }
+    Rgb fallback(const std::string& name) const { return parse_color(others.get_string(name)).value_or(Rgb(0.0f)); }
+    Slot color_slot(const std::string& name) const override { return builder.slot(object, name, fallback(name)); }
+    Slot scalar_slot(const std::string& name) const override {
+      return builder.slot(object, name, fallback(name), SpectrumKind::kScalar);
+    }
+    Rgb color(const std::string& name) const override {
+      return builder.constant(object, name, fallback(name), SpectrumKind::kReflectance);
+    }
+    const Params& params() const override { return others; }
+    SourceLoc loc(const std::string& name) const override { return builder.document_.loc(builder.place(object, name)); }
+    Builder& builder;
+    const Object& object;
+    Params others;  // all but colors and images
+  };
+  return entry.make(Values(*this, bsdf, entry));
 }
 
 Builder::NamedMaterial Builder::shape_material(const Object& shape, bool emits) {

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <initializer_list>
+#include <new>
 #include <pugixml.hpp>
 #include <set>
 
@@ -196,6 +197,7 @@ std::shared_ptr<Object> Parser::parse_file(const std::filesystem::path& path, co
 
   pugi::xml_document xml;
   const pugi::xml_parse_result parsed = xml.load_buffer_inplace(text.data(), text.size());
+  if (parsed.status == pugi::status_out_of_memory) throw std::bad_alloc();
   if (!parsed)
     fail(ErrorCode::kSyntax, {file_, std::size_t(std::max<std::ptrdiff_t>(parsed.offset, 0))},
          fmt::format("this is not well-formed XML: {}", parsed.description()));

@@ -38,6 +38,28 @@ TEST(MitsubaMaterials, DefaultsAreMitsubas) {
     EXPECT_TRUE(SameScattering(*imported(fmt::format("<bsdf type=\"{}\"/>", plugin)), *material)) << plugin;
 }
 
+TEST(MitsubaMaterials, OurOwnTypesByTheirNames) {
+  MetallicRoughnessParams p;
+  EXPECT_TRUE(SameScattering(*imported("<bsdf type=\"metallic_roughness\"/>"), *make_metallic_roughness(p)));
+  p.base_color = Rgb(0.9f, 0.4f, 0.2f);
+  p.roughness = 0.3f;
+  p.metallic = 0.5f;
+  p.clearcoat = 0.7f;
+  p.ior = 1.7f;
+  p.thin_walled = false;
+  p.tints_once = true;
+  p.transmission = 0.4f;
+  EXPECT_TRUE(SameScattering(
+      *imported(R"(<bsdf type="metallic_roughness"><rgb name="base_color" value="0.9 0.4 0.2"/><float name="roughness" value="0.3"/>
+    <float name="metallic" value="0.5"/><float name="clearcoat" value="0.7"/><float name="ior" value="1.7"/><float name="transmission" value="0.4"/>
+    <boolean name="thin_walled" value="false"/><string name="solid_tint" value="once"/></bsdf>)"),
+      *make_metallic_roughness(p)));
+  imported(R"(<bsdf type="metallic_roughness"><float name="shine" value="1"/></bsdf>)", "3.0.0", true);
+  for (const char* bad : {R"(<float name="ior" value="0.5"/>)", R"(<string name="solid_tint" value="never"/>)",
+                          R"(<boolean name="thin_walled" value="maybe"/>)"})
+    EXPECT_THROW(imported(fmt::format("<bsdf type=\"metallic_roughness\">{}</bsdf>", bad)), Error) << bad;
+}
+
 TEST(MitsubaMaterials, ParametersArrive) {
   ConductorParams gold;
   gold.eta = named_conductor("Au")->eta;

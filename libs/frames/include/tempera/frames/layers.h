@@ -37,6 +37,7 @@ inline constexpr const char* kSeconds = "seconds";
 inline constexpr const char* kCount = "count";
 inline constexpr const char* kId = "identifier";
 inline constexpr const char* kTexture = "texture coordinates";
+inline constexpr const char* kMask = "above 0 where set";
 }  // namespace units
 
 /// What a layer is to the steps that follow a render.
@@ -45,8 +46,9 @@ enum class LayerRole {
   kPicture,         ///< an estimate of light
   kStatistic,       ///< of such an estimate, so of no other picture: its halves, its variance
   kReconstruction,  ///< what pictures are reconstructed from: differences, and the light that is kept out of them
+  kMask,            ///< says which pixels are still to be rendered
 };
-/// "feature", "picture", "statistic" or "reconstruction".
+/// "feature", "picture", "statistic", "reconstruction" or "mask".
 std::string_view to_string(LayerRole role);
 
 /// A layer: an image of one meaning. EXR channels are `<name>.<channel>`; the layer `color` is plain R, G, B, A.
@@ -96,6 +98,7 @@ LayerDesc held_color();       ///< "held.color" R,G,B: the part of rare.color th
 LayerDesc source();           ///< "source" X,Y,V: pixel of the previous frame whose random numbers were replayed here
 LayerDesc samples();          ///< "samples" N: paths traced through the pixel
 LayerDesc time();             ///< "time" T: mean shutter time, seconds on the shot's axis
+LayerDesc mask();             ///< "mask" M: above 0 where a pixel is still to be rendered
 /// "Crypto<kind><rank>" R,G,B,A = id, coverage, id, coverage of two ranks, e.g. "CryptoObject00".
 LayerDesc crypto(int rank, std::string_view kind = "Object");
 /// "class.<class_name>.<layer>": `base` for the paths of one light-path class, e.g. class_layer("dd", color()) is

@@ -1,12 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // What `tempera run` does with a shot: which frames it renders, which stages make what of them, what it makes a movie
-// of, and where the files of each step go. Only the plan; render.h, stage_run.h and video.h do the work.
+// of, and where the files of each step go; and the steps between the render and the movie, one after the other.
+#include <memory>
+#include <optional>
+#include <stop_token>
 #include <string>
 #include <vector>
 
 #include "tempera/core/time.h"
 #include "tempera/frames/sequence.h"
+#include "tempera/pipeline/render.h"
 #include "tempera/pipeline/shot.h"
 #include "tempera/stages/stage_run.h"
 
@@ -19,6 +23,8 @@ struct RunStage {
   std::vector<int> frames;             ///< that it makes, in ascending order
   std::vector<StageSection> sections;  ///< the same in the parts of the sequence that are cut from each other
   WriteOptions write;
+  /// What is rendered before it, for its second port: the pixels of the mask that the stage before has written.
+  std::optional<Shot> pixels;
 };
 
 /// What a bound on the frames around those asked for costs.
@@ -32,7 +38,7 @@ struct RunPlan {
   Shot render;                   ///< what the first step renders, and where to
   std::vector<int> neighbors;    ///< frames among render.frames that were not asked for: stages look at them
   std::vector<int> frames;       ///< of the result: those asked for that the last stage makes
-  std::vector<RunStage> stages;  ///< the steps after it
+  std::vector<RunStage> stages;  ///< the steps after it: the stages of the shot, and those that fill what they mask
   HaloLoss loss;
   std::string output;      ///< of the frames that are the result, see frame_path
   std::string video_path;  ///< empty: no movie
@@ -45,12 +51,34 @@ struct RunPlan {
 /// name, unless it was named on the command line; a single frame gets none unless one is named. `video` false: no
 /// movie.
 /// Errors: Error{kBadInput | kUsage}, where `config` says so: a stage that lacks a layer, with what would write it;
-/// frames that no stage makes, or that would replace those they are made of; a movie of a layer that the frames will
-/// not have, a name that no movie can have.
+/// frames that no stage makes, or that would replace those they are made of; a stage that has pixels rendered where the
+/// integrator renders whole pictures alone; a movie of a layer that the frames will not have, a name that no movie can
+/// have.
 RunPlan plan_run(const ShotConfig& config, const Shot& shot, bool video = true);
 
 /// The frames of a stage's ports when the steps before it are done. `step`: index in plan.stages.
 std::vector<FrameSequence> stage_input(const RunPlan& plan, std::size_t step);
+
+/// Watches run_stages. Each step begins, is watched by what that returns, and ends.
+class RunObserver {
+ public:
+  virtual ~RunObserver() = default;
+  virtual std::unique_ptr<RenderObserver> begin_pixels(const RunStage& /*of*/) {
+    return std::make_unique<RenderObserver>();
+  }
+  virtual void end_pixels(const RunStage& /*of*/, const RenderReport& /*report*/) {}
+  virtual std::unique_ptr<StageObserver> begin_stage(const RunStage& /*stage*/) {
+    return std::make_unique<StageObserver>();
+  }
+  virtual void end_stage(const RunStage& /*stage*/, const StageReport& /*report*/) {}
+};
+
+/// Runs the stages of a plan whose frames are rendered, with the renders of single pixels between them. `scene` is that
+/// of the plan's shot, and not looked at where no step renders. `options`: as for the render of the shot, whole frames;
+/// frames of pixels that were not asked for are taken where they are finished.
+/// Errors: those of render_sequence and run_stage.
+void run_stages(const RunPlan& plan, const Scene& scene, const RenderOptions& options, RunObserver& observer,
+                const std::stop_token& stop = {});
 
 /// Identity of the movie of `frames`: it changes with the content of the files and with the options. Errors: as
 /// content_identity.

@@ -31,6 +31,8 @@ struct SequenceDesc {
   bool has(int frame) const;
   std::vector<int> all_frames() const;
   bool has(const LayerDesc& layer) const;  ///< by name
+  /// Whether it has a mask: pixels that the stage has left to be rendered (LayerRole::kMask).
+  bool has_mask() const;
 };
 
 /// A layer that a stage reads.
@@ -58,7 +60,8 @@ class StageRun;
 class Stage {
  public:
   virtual ~Stage() = default;
-  /// Checks that the stage can work on such sequences, and says what comes out: frames, size, layers.
+  /// Checks that the stage can work on such sequences, and says what comes out: frames, size, layers. A layer with the
+  /// role kMask says which pixels the stage leaves to the renderer: a run renders them, and fills them in (fill.h).
   /// Errors: StageParamError; Error{kBadInput}. Layers that are missing need not be looked for, see `reads`.
   virtual SequenceDesc output(std::span<const SequenceDesc> in) const = 0;
   /// Layers of a port that are read. Errors: as output.
@@ -135,6 +138,8 @@ struct StageEntry {
   /// Whether rendered frames of these layers are made for this stage, so that it follows where a shot names no stages.
   bool (*follows)(std::span<const LayerDesc> layers) = nullptr;
   std::string follows_help{};  ///< what such frames are
+  /// Where plans of shots put it by themselves, for the manual; empty: shots name it.
+  std::string inserted_help{};
 };
 
 /// All stages, in the order of the manual, which is that in which they would follow each other.
