@@ -300,8 +300,8 @@ void place_figure(GalleryBuilder& b, const std::string& name, const std::array<i
   for (int j = 0; j < kJointCount; ++j) {
     const JointInfo& info = kJoints[j];
     const Vec3d from = info.parent < 0 ? Vec3d{} : kJoints[info.parent].position;
-    joints.push_back(b.group(name + "_" + info.name, info.position - from, {},
-                             info.parent < 0 ? -1 : joints[info.parent]));
+    joints.push_back(
+        b.group(name + "_" + info.name, info.position - from, {}, info.parent < 0 ? -1 : joints[info.parent]));
     inverse_bind.push_back(at(-info.position));
     b.turn(joints.back(), [&](double f) { return pose(f).local(Joint(j)); });
   }

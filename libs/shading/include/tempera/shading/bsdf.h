@@ -78,7 +78,7 @@ class FixedStack {
   template <class Make>
   int push_made(Make&& make) {
     TEMPERA_ASSERT(size_ < N);
-    if (size_ < N) new (storage_ + std::size_t(size_++) * sizeof(T)) T(make());
+    if (size_ < N) new (storage_ + size_++ * sizeof(T)) T(make());
     return size_ - 1;
   }
 
