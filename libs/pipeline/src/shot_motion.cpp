@@ -116,9 +116,9 @@ void cut_motion(Scene& scene, const FrameClock& clock, const std::vector<int>& d
     const auto end_flight = [&](auto& track) {
       if (const auto i = flight(track, cut)) track = without_flight(track, *i, cut);
     };
-    for (std::size_t n = 0; n < scene.nodes.size(); ++n) {
+    for (int n = 0; n < std::ssize(scene.nodes); ++n) {
       AnimatedTransform& t = scene.nodes[n].local;
-      if (!t.keyed || (!seen_from.contains(int(n)) && !jumps_at(t, cut))) continue;
+      if (!t.keyed || (!seen_from.contains(n) && !jumps_at(t, cut))) continue;
       end_flight(t.translation);
       end_flight(t.rotation);
       end_flight(t.scale);
@@ -160,8 +160,7 @@ std::vector<int> find_cuts(const Scene& scene, const RenderSettings& settings, c
     Change usual;
     for (int g = std::max(begin, f - around); g <= std::min(end - 1, f + around); ++g) {
       if (g == f) continue;
-      usual = {std::max(usual.distance, steps[g - begin].distance),
-               std::max(usual.angle, steps[g - begin].angle)};
+      usual = {std::max(usual.distance, steps[g - begin].distance), std::max(usual.angle, steps[g - begin].angle)};
     }
     constexpr double kFarther = 8;
     return (step.distance > noticeable.distance && step.distance > kFarther * usual.distance) ||
