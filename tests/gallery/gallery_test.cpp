@@ -268,8 +268,7 @@ TEST(GalleryMotion, TheWaveIsTheOneOfTheStudy) {
     const auto instance = std::find_if(scene.instances.begin(), scene.instances.end(),
                                        [](const Instance& i) { return i.name == "wave"; });
     ASSERT_NE(instance, scene.instances.end());
-    const auto& mesh =
-        std::get<Mesh>(scene.shapes[scene.groups[instance->group][0]].geometry);
+    const auto& mesh = std::get<Mesh>(scene.shapes[scene.groups[instance->group][0]].geometry);
     const Affine3d world = scene.world(instance->node, t);
     const std::vector<float> weights = mesh.morph_targets.empty() ? std::vector<float>() : mesh.morph_weights.at(t);
     for (std::size_t v = 0; v < mesh.positions.size(); v += 37) {

@@ -47,14 +47,14 @@ std::vector<Pinned> pins() {
   };
   const std::string adaptive = "integrator.adaptive=unbiased", batches = "integrator.adaptive_batches=2";
   return {
-      {"runner_path", "running-figure", 9, {kSize, "sampling.spp=4", kFeatures}, 0xa37f23c3e55cee6c, 0.3171284},
+      {"runner_path", "running-figure", 9, {kSize, "sampling.spp=4", kFeatures}, 0x2c9efbe1c27f1acc, 0.3171284},
       {"egg_path",
        "glass-egg",
        5,
        {kSize, "sampling.spp=4", "integrator.name=path", kFeatures},
-       0x47a5d995baac0b5c,
+       0x01b80204b30f1932,
        0.3517202},
-      {"cornell_path", "cornell-motion", 7, {kSize, "sampling.spp=3", kFeatures}, 0x55c1e6076f18b852, 0.2063102},
+      {"cornell_path", "cornell-motion", 7, {kSize, "sampling.spp=3", kFeatures}, 0x70e38dd7bfffd021, 0.2063102},
       {"vase_path",
        "vase",
        3,

@@ -218,9 +218,9 @@ void GeometryCache::Impl::prepare(const Scene& s, bool robust) {
     for (const int shape_index : group) {
       const auto shape = std::uint32_t(shape_index);
       const Mesh* mesh = as_mesh(s.shapes[shape]);
-      const Placement placement = mesh && mesh->deforms()                           ? Placement::kDeforming
+      const Placement placement = mesh && mesh->deforms()              ? Placement::kDeforming
                                   : fixed && uses[instance.group] == 1 ? Placement::kStatic
-                                                                                    : Placement::kInstanced;
+                                                                       : Placement::kInstanced;
       if (placement == Placement::kInstanced) {
         instanced_groups.insert(instance.group);
         if (!object_shapes.contains(shape)) {

@@ -175,8 +175,7 @@ TEST(SweptBounds, HoldEverythingAndLittleMore) {
   // Nothing is hit outside of them.
   std::vector<Bounds3f> boxes;
   for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
-    boxes.push_back(
-        rays.swept_bounds(i, std::uint32_t(scene.groups[scene.instances[i].group][0]), {0.25, 0.75}));
+    boxes.push_back(rays.swept_bounds(i, std::uint32_t(scene.groups[scene.instances[i].group][0]), {0.25, 0.75}));
   }
   for (std::uint64_t i = 0; i < 20000; ++i) {
     const Ray ray = random_ray(i, {0.25, 0.75});

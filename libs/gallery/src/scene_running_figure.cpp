@@ -59,8 +59,7 @@ void build(GalleryBuilder& b) {
   b.place("skirting", skirting, {2.38, 0.08, middle});
   int banners[3];
   for (int k = 0; k < 3; ++k)
-    banners[k] =
-        b.mesh(fmt::format("banner_{}", k), box({0.03, 1.5, 0.8}), std::array{teal, ochre, crimson}[k]);
+    banners[k] = b.mesh(fmt::format("banner_{}", k), box({0.03, 1.5, 0.8}), std::array{teal, ochre, crimson}[k]);
   int n = 0;
   for (double z = kBegin + 1; z < kEnd; z += 2.9, ++n) {
     const std::string id = fmt::format("_{}", n);

@@ -23,6 +23,31 @@ std::array<bool, 4> inside(const RenderSettings& s, int x, int y) {
 
 std::string variance_of(const std::string& name) { return name + ".var"; }
 
+/// Whether a pass needs variances of differences: to place samples, or for the layers that are asked for.
+bool needs_variance(const GradientOptions& options, const RenderSettings& settings, const std::string& prefix) {
+  const auto wanted = [&](const LayerDesc& d) {
+    return std::find(settings.layers.begin(), settings.layers.end(), prefix + d.name) != settings.layers.end();
+  };
+  return (prefix.empty() && options.adaptive.mode != AdaptiveOptions::Mode::kOff) ||
+         wanted(layers::grad_x_variance()) || wanted(layers::grad_y_variance());
+}
+
+LayerDesc side_layer(Side side) {
+  LayerDesc d = layers::grad_x();
+  d.name = kSides[side];
+  return d;
+}
+LayerDesc side_variance_layer(Side side) {
+  LayerDesc d = layers::grad_x_variance();
+  d.name = variance_of(kSides[side]);
+  return d;
+}
+
+LayerDesc with_prefix(const std::string& prefix, LayerDesc d) {
+  d.name = prefix + d.name;
+  return d;
+}
+
 }  // namespace
 
 const std::vector<ParamSpec>& GradientOptions::params() {
@@ -32,6 +57,10 @@ const std::vector<ParamSpec>& GradientOptions::params() {
                  "paths of neighbouring pixels are connected at surfaces that are rougher (alpha)", 0, 1});
     s.push_back({"rare", true,
                  "write beside the picture the light of rare bright paths, which robust reconstruction keeps apart"});
+    s.push_back(
+        {"class_gradients", false,
+         "write the differences of each light-path class (--class, --decompose), too: `tempera reconstruct` then "
+         "solves for each of them"});
     const std::vector<ParamSpec>& adaptive = AdaptiveOptions::params();
     s.insert(s.end(), adaptive.begin(), adaptive.end());
     return s;
@@ -40,7 +69,11 @@ const std::vector<ParamSpec>& GradientOptions::params() {
 }
 
 GradientOptions::GradientOptions(const Params& p)
-    : path(p), adaptive(p), roughness_threshold(float(p.get_double("roughness_threshold"))), rare(p.get_bool("rare")) {}
+    : path(p),
+      adaptive(p),
+      roughness_threshold(float(p.get_double("roughness_threshold"))),
+      rare(p.get_bool("rare")),
+      class_gradients(p.get_bool("class_gradients")) {}
 
 void check_gradient_settings(const RenderSettings& settings, std::string_view integrator) {
   if (settings.clock.shutter.rolling != 0) {
@@ -50,27 +83,36 @@ void check_gradient_settings(const RenderSettings& settings, std::string_view in
   }
 }
 
-std::vector<LayerDesc> gradient_work_layers(const std::string& prefix, bool variance) {
-  std::vector<LayerDesc> result;
-  for (const char* side : kSides) {
-    LayerDesc mean = layers::grad_x();
-    mean.name = prefix + side;
-    if (variance) {
-      LayerDesc d = layers::grad_x_variance();
-      d.name = variance_of(mean.name);
-      result.push_back(std::move(d));
+std::vector<LayerDesc> gradient_outputs(const GradientOptions& options, const RenderSettings& settings,
+                                        const std::string& prefix, bool with_color) {
+  std::vector<LayerDesc> of_light{layers::grad_x(), layers::grad_y()};
+  if (with_color) of_light.insert(of_light.begin(), layers::color());
+  std::vector<LayerDesc> result = of_light;
+  if (options.class_gradients) {
+    for (const std::string& name : class_names(settings)) {
+      for (const LayerDesc& d : of_light) result.push_back(layers::class_layer(name, d));
     }
-    result.push_back(std::move(mean));
+  }
+  if (!prefix.empty()) {
+    for (LayerDesc& d : result) d = layers::offset(d);
   }
   return result;
 }
 
-bool needs_variance(const GradientOptions& options, const RenderSettings& settings, const std::string& prefix) {
-  const auto wanted = [&](const LayerDesc& d) {
-    return std::find(settings.layers.begin(), settings.layers.end(), prefix + d.name) != settings.layers.end();
-  };
-  return (prefix.empty() && options.adaptive.mode != AdaptiveOptions::Mode::kOff) ||
-         wanted(layers::grad_x_variance()) || wanted(layers::grad_y_variance());
+std::vector<LayerDesc> gradient_work_layers(const GradientOptions& options, const RenderSettings& settings,
+                                            const std::string& prefix) {
+  std::vector<LayerDesc> result;
+  for (const Side side : {kRight, kDown, kLeft, kUp}) {
+    if (needs_variance(options, settings, prefix)) result.push_back(with_prefix(prefix, side_variance_layer(side)));
+    result.push_back(with_prefix(prefix, side_layer(side)));
+  }
+  if (options.class_gradients) {
+    for (const std::string& name : class_names(settings)) {
+      for (const Side side : {kRight, kDown, kLeft, kUp})
+        result.push_back(with_prefix(prefix, layers::class_layer(name, side_layer(side))));
+    }
+  }
+  return result;
 }
 
 std::vector<std::string> gradient_layer_names(const std::string& prefix, int estimates) {
@@ -80,7 +122,11 @@ std::vector<std::string> gradient_layer_names(const std::string& prefix, int est
   return names;
 }
 
-const std::size_t GradientTile::kBytesOfPixel = TileFilm::kBytesOfPixel + sizeof(Pixel) + sizeof(RarePixel);
+std::size_t GradientTile::bytes_of_pixel(const GradientOptions& options, const RenderSettings& settings) {
+  const std::size_t classes = settings.classes.empty() ? 0 : settings.classes.size() + 1;
+  return TileFilm::bytes_of_pixel(settings) + sizeof(Pixel) + sizeof(RarePixel) +
+         (options.class_gradients ? classes * 4 * sizeof(Rgb) : 0);
+}
 
 GradientTile::GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix)
     : settings_(context.settings),
@@ -90,6 +136,12 @@ GradientTile::GradientTile(const FrameContext& context, const Tile& tile, const 
       pixels_(std::size_t(tile.x1 - tile.x0) * std::size_t(tile.y1 - tile.y0)),
       two_estimates_(out.has(prefix + "rare.a")) {
   if (out.has(prefix + "rare.color")) rare_.resize(pixels_.size());
+  const std::vector<std::string> names = class_names(settings_);
+  const bool by_class = std::any_of(names.begin(), names.end(), [&](const std::string& name) {
+    return out.has(prefix + layers::class_layer(name, side_layer(kRight)).name);
+  });
+  if (by_class) class_count_ = settings_.classes.size() + 1;
+  class_sums_.resize(pixels_.size() * 4 * class_count_);
 }
 
 void GradientTile::sample(const FrameContext& context, const GradientOptions& options, int x, int y,
@@ -97,11 +149,13 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
   Pixel& p = pixels_[std::size_t(y - tile_.y0) * std::size_t(tile_.x1 - tile_.x0) + std::size_t(x - tile_.x0)];
   const std::array<bool, 4> neighbours = inside(settings_, x, y);
   std::uint64_t rays = 0, shadow_rays = 0;
+  std::vector<Rgb> classes(4 * class_count_);
   for (int i = first; i < first + count; ++i) {
     const CameraSample camera = camera_sample(context, key, x, y, i);
     const Vec3f axis = film_.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
     const FrameContext& now = context.at(camera.time);
-    ShiftObserver shifts(now, options.path, options.roughness_threshold, camera, neighbours);
+    std::fill(classes.begin(), classes.end(), Rgb(0.0f));
+    ShiftObserver shifts(now, options.path, options.roughness_threshold, camera, neighbours, classes);
     const SampleResult r =
         trace_path(now, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts);
     rays += r.rays + shifts.rays();
@@ -121,6 +175,8 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
       if (even) p.even_sums[j] += g;
       p.squares[j] += g * g;
     }
+    for (std::size_t k = 0; k < classes.size(); ++k)
+      class_sums_[(&p - pixels_.data()) * classes.size() + k] += classes[k] * camera.weight;
     if (!rare_.empty()) add_rare(rare_[&p - pixels_.data()], r, shifts, camera.weight, even);
   }
   counters.samples += std::uint64_t(count);
@@ -170,6 +226,20 @@ void GradientTile::write(Frame& out, bool of_samples) const {
       }
     }
   }
+  if (class_count_ > 0) {
+    const std::vector<std::string> names = class_names(settings_);
+    for (std::size_t k = 0; k < names.size(); ++k) {
+      for (const Side side : {kRight, kDown, kLeft, kUp}) {
+        Image& means = out.layer(prefix_ + layers::class_layer(names[k], side_layer(side)).name);
+        const Rgb* sum = class_sums_.data() + side * class_count_ + k;
+        const Pixel* p = pixels_.data();
+        for (int y = tile_.y0; y < tile_.y1; ++y) {
+          for (int x = tile_.x0; x < tile_.x1; ++x, ++p, sum += 4 * class_count_)
+            means.set_rgb(x - settings_.x0(), y - settings_.y0(), *sum * (1 / float(std::max(p->count, 1))));
+        }
+      }
+    }
+  }
   std::size_t i = 0;
   for (int y = tile_.y0; y < tile_.y1 && !rare_.empty(); ++y) {
     for (int x = tile_.x0; x < tile_.x1; ++x, ++i)
@@ -177,8 +247,15 @@ void GradientTile::write(Frame& out, bool of_samples) const {
   }
 }
 
-void join_gradients(const std::string& prefix, Frame& out) {
-  const auto join = [&](const std::string& name, Side forward, Side back, int dx, int dy) {
+void join_gradients(const std::string& pass, Frame& out) {
+  std::vector<std::string> prefixes{pass};
+  for (const Layer& l : out.layers()) {
+    const std::string& name = l.desc.path_class;
+    if (!name.empty() && l.desc.name == pass + layers::class_layer(name, side_layer(kRight)).name)
+      prefixes.push_back(pass + "class." + name + ".");
+  }
+  const auto join = [&](const std::string& prefix, const char* difference, Side forward, Side back, int dx, int dy) {
+    const std::string name = prefix + difference;
     const std::string f = prefix + kSides[forward], b = prefix + kSides[back];
     const Image &from = out.layer(f), &to = out.layer(b);
     Image* mean = out.has(name) ? &out.layer(name) : nullptr;
@@ -196,8 +273,10 @@ void join_gradients(const std::string& prefix, Frame& out) {
         },
         16);
   };
-  join(prefix + "grad.x", kRight, kLeft, 1, 0);
-  join(prefix + "grad.y", kDown, kUp, 0, 1);
+  for (const std::string& prefix : prefixes) {
+    join(prefix, "grad.x", kRight, kLeft, 1, 0);
+    join(prefix, "grad.y", kDown, kUp, 0, 1);
+  }
 }
 
 Rgb replay_gradients(const FrameContext& context, const GradientOptions& options, const BadSample& sample) {
@@ -205,9 +284,7 @@ Rgb replay_gradients(const FrameContext& context, const GradientOptions& options
   const FrameContext& now = context.at(camera.time);
   ShiftObserver shifts(now, options.path, options.roughness_threshold, camera,
                        inside(context.settings, sample.x, sample.y));
-  std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
-  const Rgb radiance =
-      trace_path(now, options.path, camera, {}, classes, Features::kNone, shifts).radiance * camera.weight;
+  const Rgb radiance = trace_path(now, options.path, camera, {}, {}, Features::kNone, shifts).radiance * camera.weight;
   for (std::size_t j = 0; j < 4 && is_finite(radiance); ++j) {
     if (!is_finite(shifts.g(j))) return shifts.g(j);
   }
@@ -218,12 +295,14 @@ void GradientTile::save(ByteWriter& out) const {
   film_.save(out);
   out.values(pixels_);
   out.values(rare_);
+  out.values(class_sums_);
 }
 
 void GradientTile::load(ByteReader& in) {
   film_.load(in);
   in.values(pixels_);
   in.values(rare_);
+  in.values(class_sums_);
 }
 
 GradientBatches::GradientBatches(const RenderSettings& settings, const GradientOptions& options, int spp)
@@ -233,12 +312,12 @@ GradientBatches::GradientBatches(const RenderSettings& settings, const GradientO
   wanted_.assign(pixels, plan_.first);
 }
 
-std::vector<PassDesc> GradientBatches::passes(const GradientOptions& options, int spp) {
+std::vector<PassDesc> GradientBatches::passes(const GradientOptions& options, const RenderSettings& settings, int spp) {
   const int count = plan_batches(options.adaptive, spp).count;
   std::vector<PassDesc> result;
   for (int i = 0; i < count; ++i) {
     PassDesc pass{.name = count == 1 ? "samples" : fmt::format("batch {} of {}", i + 1, count), .waits = i > 0};
-    if (i + 1 < count) pass.memory = GradientTile::kBytesOfPixel;
+    if (i + 1 < count) pass.memory = GradientTile::bytes_of_pixel(options, settings);
     result.push_back(std::move(pass));
   }
   return result;

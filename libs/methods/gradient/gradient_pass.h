@@ -19,17 +19,21 @@ struct GradientOptions {
   PathOptions path;
   AdaptiveOptions adaptive;
   float roughness_threshold = 0.001f;
-  bool rare = true;  ///< whether to write what robust reconstruction keeps apart (rare_light.h)
+  bool rare = true;              ///< whether to write what robust reconstruction keeps apart (rare_light.h)
+  bool class_gradients = false;  ///< whether to write the differences of each light-path class, too
 
   static const std::vector<ParamSpec>& params();
   explicit GradientOptions(const Params& p);
 };
 
+/// Layers of a pass for a reconstruction: color, if `with_color`, and its differences; those of classes, too, if
+/// they are asked for.
+std::vector<LayerDesc> gradient_outputs(const GradientOptions& options, const RenderSettings& settings,
+                                        const std::string& prefix, bool with_color);
 /// Layers that a pass keeps until all tiles are there: the estimates of each difference from either side, their
-/// variances if `variance`.
-std::vector<LayerDesc> gradient_work_layers(const std::string& prefix, bool variance);
-/// Whether a pass needs those variances: to place samples, or for the layers that are asked for.
-bool needs_variance(const GradientOptions& options, const RenderSettings& settings, const std::string& prefix);
+/// variances if needed, and those of classes.
+std::vector<LayerDesc> gradient_work_layers(const GradientOptions& options, const RenderSettings& settings,
+                                            const std::string& prefix);
 /// Names of the layers that a pass can write beside those of a film. `estimates`: as rare_layers has it.
 std::vector<std::string> gradient_layer_names(const std::string& prefix, int estimates);
 
@@ -40,7 +44,8 @@ class GradientTile {
  public:
   /// Gathers what `out` has layers for, under names that begin with `prefix`.
   GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix);
-  static const std::size_t kBytesOfPixel;  ///< that `save` takes, about
+  /// That `save` takes, about.
+  static std::size_t bytes_of_pixel(const GradientOptions& options, const RenderSettings& settings);
 
   /// Adds `count` samples of pixel (x, y), with the random numbers of `key` from number `first` on.
   void sample(const FrameContext& context, const GradientOptions& options, int x, int y, const PixelKey& key, int first,
@@ -67,10 +72,13 @@ class GradientTile {
   TileFilm film_;
   std::vector<Pixel> pixels_;
   std::vector<RarePixel> rare_;  ///< empty if not asked for
+  std::size_t class_count_ = 0;  ///< whose differences are gathered, paths of no class included
+  std::vector<Rgb> class_sums_;  ///< contributions to the four differences of a pixel, by class
   bool two_estimates_;
 };
 
-/// Joins the two estimates of each difference: mean of g_ij minus mean of g_ji. [Manzi 2016, Eq. 1]
+/// Joins the two estimates of each difference that `out` has work layers for, of classes, too: mean of g_ij minus mean
+/// of g_ji. [Manzi 2016, Eq. 1]
 void join_gradients(const std::string& prefix, Frame& out);
 
 /// A frame whose samples are placed in batches, a pass each: what its tiles share.
@@ -80,7 +88,7 @@ class GradientBatches {
   GradientBatches(const RenderSettings& settings, const GradientOptions& options, int spp);
 
   /// Their passes; every one but the first waits for the one before.
-  static std::vector<PassDesc> passes(const GradientOptions& options, int spp);
+  static std::vector<PassDesc> passes(const GradientOptions& options, const RenderSettings& settings, int spp);
   int count() const { return plan_.count; }
   /// Renders batch `batch` of a tile. Returns false if it was stopped. Threads: concurrently for different tiles.
   bool render(const FrameContext& context, const GradientOptions& options, int batch, const Tile& tile, UnitOutput& out,

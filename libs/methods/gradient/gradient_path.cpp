@@ -25,7 +25,7 @@ class GradientPath final : public Method {
     check_gradient_settings(settings, "gradient_path");
     plan_batches(options_.adaptive, settings.spp);
     std::vector<LayerDesc> result = film_outputs(settings, "gradient_path", gradient_layer_names("", 2));
-    add_missing(result, {layers::grad_x(), layers::grad_y()});
+    add_missing(result, gradient_outputs(options_, settings, "", false));
     if (options_.rare) {
       add_missing(result, rare_layers("", 2));
       add_missing(result, {layers::samples(), layers::object_id()});
@@ -33,12 +33,12 @@ class GradientPath final : public Method {
     return result;
   }
   std::vector<LayerDesc> work_layers(const RenderSettings& settings) const override {
-    std::vector<LayerDesc> result = gradient_work_layers("", needs_variance(options_, settings, ""));
+    std::vector<LayerDesc> result = gradient_work_layers(options_, settings, "");
     if (options_.rare) add_missing(result, rare_work_layers("", 2));
     return result;
   }
   std::vector<PassDesc> passes(const RenderSettings& settings, FrameRange /*section*/) const override {
-    return GradientBatches::passes(options_, settings.spp);
+    return GradientBatches::passes(options_, settings, settings.spp);
   }
   std::unique_ptr<SectionState> begin(const SceneWindow& window) const override {
     return std::make_unique<GradientState>(window.settings(), options_);

@@ -29,6 +29,7 @@ void ShiftObserver::start(const Vertex* first, const Rgb& emitted) {
     }
     // What the camera sees directly is a path of one edge, and every such path shifts to every other.
     o.g += (offset_emitted - beta_ * emitted) * 0.5f;
+    if (by_class_) add_to_classes(o, Rgb(1.0f), offset_emitted, beta_ * emitted, 0.5f);
     if (!first || end != EdgeEnd::kSurface) {
       o.state = OffsetPath::kDead;
     } else {
@@ -54,6 +55,7 @@ void ShiftObserver::next_event(const Vertex& at, const LightSample& light, const
     light_position = context_.rays.position(*light.point, camera_.time, &light_normal);
   for (OffsetPath& o : offsets_) {
     Rgb offset;
+    BsdfEval f_offset;
     float others = 0;  // squared densities of the offset's own ways to sample the pair, over pl2
     switch (o.state) {
       case OffsetPath::kOutside:
@@ -61,12 +63,13 @@ void ShiftObserver::next_event(const Vertex& at, const LightSample& light, const
       case OffsetPath::kDead:
         break;
       case OffsetPath::kJoined:
+        f_offset = f;
         offset = o.beta * f_sum * le;
         others = sqr(o.rho) * (pl2 + pb2);
         break;
       case OffsetPath::kFresh: {
         if (!samples_lights(o.vertex.bsdf)) break;
-        const BsdfEval f_offset = o.vertex.bsdf.eval(o.vertex.s.wo, light.wi);
+        f_offset = o.vertex.bsdf.eval(o.vertex.s.wo, light.wi);
         const Rgb value = f_offset.sum();
         offset = o.beta * value * le;
         others = sqr(o.rho) * (pl2 + density(value, f_offset.pdf, visible));
@@ -79,7 +82,7 @@ void ShiftObserver::next_event(const Vertex& at, const LightSample& light, const
         const ShadingPoint& s = o.vertex.s;
         const auto there = context_.lights.connect(light, s.p, camera_.time);
         if (!there) break;
-        const BsdfEval f_offset = o.vertex.bsdf.eval(s.wo, there->wi);
+        f_offset = o.vertex.bsdf.eval(s.wo, there->wi);
         const Rgb value = f_offset.sum();
         float v = 0;  // never asked for where nothing is carried
         if (!is_black(value)) {
@@ -93,11 +96,28 @@ void ShiftObserver::next_event(const Vertex& at, const LightSample& light, const
         break;
       }
     }
-    o.g += (offset - base) * (pl2 / (pl2 + pb2 + others));
+    const float weight = pl2 / (pl2 + pb2 + others);
+    o.g += (offset - base) * weight;
+    if (by_class_) add_to_classes(o, offset, f_offset, base, f, weight);
   }
 }
 
-void ShiftObserver::scatter(const Extension& e, const Rgb& f, float pdf, float jacobian, float eta, OffsetPath& o) {
+void ShiftObserver::add_to_classes(OffsetPath& o, const Rgb& beta, const Rgb& radiance, const Rgb& base,
+                                   float weight) const {
+  o.states.add_to(context_.classifier, beta * radiance * weight, o.classes);
+  states_.add_to(context_.classifier, base * -weight, o.classes);
+}
+
+void ShiftObserver::add_to_classes(OffsetPath& o, const Rgb& offset, const BsdfEval& f_offset, const Rgb& base,
+                                   const BsdfEval& f, float weight) const {
+  o.states.add_to(context_.classifier, offset * weight, f_offset.f_cos, o.classes);
+  states_.add_to(context_.classifier, base * -weight, f.f_cos, o.classes);
+}
+
+void ShiftObserver::scatter(const Extension& e, const BsdfEval& f_by_event, float pdf, float jacobian, float eta,
+                            OffsetPath& o) const {
+  const Rgb f = f_by_event.sum();
+  if (by_class_) o.states.scatter(context_.classifier, f_by_event.f_cos);
   o.beta *= f * (jacobian / (e.sample.pdf * e.survival));
   o.rho *= jacobian * pdf / e.sample.pdf;
   o.roulette *= max_component(f) / pdf;
@@ -113,6 +133,7 @@ void ShiftObserver::extend(const Extension& e) {
     for (std::size_t j = 0; j < 4; ++j) common_g_[j] = offsets_[j].g;
   }
   beta_ *= e.step;
+  if (by_class_) states_.scatter(context_.classifier, e.sample.f_cos);
   if (e.to) beta_ *= absorption(*e.to, length(e.to->s.p - e.from.s.p));
   const Rgb base = beta_ * e.emitted;
   const float base_weight = 1 + sqr(e.light_pdf / e.sample.pdf);  // (pB^2 + pL^2) / pB^2
@@ -120,6 +141,7 @@ void ShiftObserver::extend(const Extension& e) {
     if (o.state == OffsetPath::kOutside) continue;
     if (o.state == OffsetPath::kDead) {
       o.g -= base * (1 / base_weight);
+      if (by_class_) add_to_classes(o, {}, {}, base, 1 / base_weight);
       continue;
     }
     if (o.state != OffsetPath::kFree) {
@@ -143,24 +165,25 @@ void ShiftObserver::extend_shared(const Extension& e, const Rgb& base, float bas
   const float pb = e.sample.pdf, pl = e.light_pdf;
   const Rgb arriving = e.to ? absorption(*e.to, length(e.to->s.p - e.from.s.p)) : Rgb(1.0f);
   const float eta = e.sample.transmitted ? e.sample.eta : 1.0f;
-  Rgb f = e.sample.sum();
+  BsdfEval f = e.sample;
   float pdf = pb, others = 0;
   if (o.state == OffsetPath::kJoined) {
     others = sqr(o.rho) * base_weight;
   } else {
-    const BsdfEval f_offset = e.sample.delta ? BsdfEval{} : o.vertex.bsdf.eval(o.vertex.s.wo, e.sample.wi);
-    f = f_offset.sum();
-    pdf = is_black(f) ? 0.0f : f_offset.pdf;
+    f = e.sample.delta ? BsdfEval{} : o.vertex.bsdf.eval(o.vertex.s.wo, e.sample.wi);
+    pdf = is_black(f.sum()) ? 0.0f : f.pdf;
     others = sqr(o.rho) * (sqr(pdf) + (samples_lights(o.vertex.bsdf) ? sqr(pl) : 0.0f)) / sqr(pb);
   }
   if (!(pdf > 0)) {
     o.g -= base * (1 / (base_weight + others));
+    if (by_class_) add_to_classes(o, {}, {}, base, 1 / (base_weight + others));
     o.state = OffsetPath::kDead;
     return;
   }
   scatter(e, f, pdf, 1, eta, o);
   o.beta *= arriving;
   o.g += (o.beta * e.emitted - base) * (1 / (base_weight + others));
+  if (by_class_) add_to_classes(o, o.beta, e.emitted, base, 1 / (base_weight + others));
   o.state = OffsetPath::kJoined;
 }
 
@@ -175,6 +198,7 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
     distance = length(d);
     if (!(distance > 0)) {
       o.g -= base * (1 / base_weight);
+      if (by_class_) add_to_classes(o, {}, {}, base, 1 / base_weight);
       o.state = OffsetPath::kDead;
       return;
     }
@@ -214,12 +238,14 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
   const float others = sqr(o.rho * jacobian / e.sample.pdf) * (sqr(pdf) + sqr(light_pdf));
   if (!(pdf > 0)) {
     o.g -= base * (1 / (base_weight + others));
+    if (by_class_) add_to_classes(o, {}, {}, base, 1 / (base_weight + others));
     o.state = OffsetPath::kDead;
     return;
   }
-  scatter(e, value, pdf, jacobian, eta, o);
+  scatter(e, f, pdf, jacobian, eta, o);
   o.beta *= arriving * (visible / e.pass_probability);
   o.g += (o.beta * emitted - base) * (1 / (base_weight + others));
+  if (by_class_) add_to_classes(o, o.beta, emitted, base, 1 / (base_weight + others));
   if (!e.to) {
     o.state = OffsetPath::kDead;
     return;
@@ -232,13 +258,14 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
 void ShiftObserver::copy_half_vector(const Extension& e, const Rgb& base, OffsetPath& o) {
   const auto fail = [&] {
     o.g -= base;
+    if (by_class_) add_to_classes(o, {}, {}, base, 1);
     o.state = OffsetPath::kDead;
   };
   const ShadingPoint& s = o.vertex.s;
   const Bsdf& bsdf = o.vertex.bsdf;
   const BsdfSample& sample = e.sample;
   Vec3f wi;
-  Rgb f;
+  BsdfEval f;
   float pdf = 0, jacobian = 1, eta = 1;
   if (sample.delta) {
     // The same lobe of the same kind; the lobes of different materials have no common numbering.
@@ -247,7 +274,7 @@ void ShiftObserver::copy_half_vector(const Extension& e, const Rgb& base, Offset
     const auto there = bsdf.sample_delta(i, s.wo);
     if (!there || there->transmitted != sample.transmitted) return fail();
     wi = there->wi;
-    f = there->sum();
+    f = *there;
     pdf = there->pdf;
     eta = there->transmitted ? there->eta : 1;
   } else {
@@ -268,11 +295,10 @@ void ShiftObserver::copy_half_vector(const Extension& e, const Rgb& base, Offset
     if (!shifted) return fail();
     wi = s.frame.to_world(shifted->wi);
     jacobian = shifted->jacobian;
-    const BsdfEval there = bsdf.eval(s.wo, wi);
-    f = there.sum();
-    pdf = there.pdf;
+    f = bsdf.eval(s.wo, wi);
+    pdf = f.pdf;
   }
-  if (!(pdf > 0) || is_black(f) || !(jacobian > 0) || !std::isfinite(jacobian)) return fail();
+  if (!(pdf > 0) || is_black(f.sum()) || !(jacobian > 0) || !std::isfinite(jacobian)) return fail();
 
   const bool could_connect = connects(e.from, sample.delta) && connects(o.vertex, sample.delta);
   const Vec3f from = s.p;
@@ -296,6 +322,7 @@ void ShiftObserver::copy_half_vector(const Extension& e, const Rgb& base, Offset
     emitted = context_.lights.environment(wi, camera_.time);
   }
   o.g += (o.beta * emitted - base) * (1 / (1 + sqr(o.rho)));
+  if (by_class_) add_to_classes(o, o.beta, emitted, base, 1 / (1 + sqr(o.rho)));
   if (end == EdgeEnd::kSurface) {
     o.vertex = next;
   } else {

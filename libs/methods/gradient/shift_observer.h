@@ -32,16 +32,27 @@ struct OffsetPath {
   float roulette = 1, eta2 = 1;  ///< what Russian roulette looks at
   Vertex vertex;                 ///< kFree, kFresh: the current one, seen from this path's previous vertex
   Rgb g;
+  WeightedStates states;   ///< of its events, if classes are asked for
+  std::span<Rgb> classes;  ///< g by class, the last entry for paths of none; or empty
 };
 
 /// Shifts a base path to the neighbouring pixels as it grows.
 class ShiftObserver {
  public:
   static constexpr bool kActive = true;
+  /// `classes`: empty, or zeros for the contributions to each of the four differences, one for each class and one for
+  /// paths of none.
   ShiftObserver(const FrameContext& context, const PathOptions& options, float threshold, const CameraSample& camera,
-                std::array<bool, 4> inside)
-      : context_(context), options_(options), threshold_(threshold), camera_(camera) {
-    for (std::size_t j = 0; j < 4; ++j) offsets_[j].state = inside[j] ? OffsetPath::kFree : OffsetPath::kOutside;
+                std::array<bool, 4> inside, std::span<Rgb> classes = {})
+      : context_(context), options_(options), threshold_(threshold), camera_(camera), by_class_(!classes.empty()) {
+    if (by_class_) states_.start(context.classifier, camera.stream.hash());
+    for (std::size_t j = 0; j < 4; ++j) {
+      OffsetPath& o = offsets_[j];
+      o.state = inside[j] ? OffsetPath::kFree : OffsetPath::kOutside;
+      if (!by_class_) continue;
+      o.states.start(context.classifier, camera.stream.hash());
+      o.classes = classes.subspan(j * classes.size() / 4, classes.size() / 4);
+    }
   }
   const Rgb& g(std::size_t j) const { return offsets_[j].g; }
 
@@ -63,17 +74,27 @@ class ShiftObserver {
   /// The end of an edge: lights and the environment always can be connected to.
   bool connects_to(const Vertex* v) const { return !v || v->shape->emission || connects(*v, false); }
   bool samples_lights(const Bsdf& bsdf) const { return bsdf.has_non_delta() && !context_.lights.empty(); }
+  /// What a pair of paths that end at a light adds to the differences of classes: throughput of the offset path and the
+  /// radiance that it carries, light of the base path, and the pair's weight. Apart from what is added to g, and never
+  /// inlined there, so that g is rounded alike with classes and without.
+  [[gnu::noinline]] void add_to_classes(OffsetPath& o, const Rgb& beta, const Rgb& radiance, const Rgb& base,
+                                        float weight) const;
+  /// The same for light that arrives by next-event estimation, where f is what the last vertices scatter by event.
+  [[gnu::noinline]] void add_to_classes(OffsetPath& o, const Rgb& offset, const BsdfEval& f_offset, const Rgb& base,
+                                        const BsdfEval& f, float weight) const;
   void extend_shared(const Extension& e, const Rgb& base, float base_weight, OffsetPath& o) const;
   void reconnect(const Extension& e, const Rgb& base, float base_weight, OffsetPath& o);
   void copy_half_vector(const Extension& e, const Rgb& base, OffsetPath& o);
-  /// Scattering of an offset path: its share of throughput, density and roulette.
-  static void scatter(const Extension& e, const Rgb& f, float pdf, float jacobian, float eta, OffsetPath& o);
+  /// Scattering of an offset path by `f`: its share of throughput, density and roulette.
+  void scatter(const Extension& e, const BsdfEval& f, float pdf, float jacobian, float eta, OffsetPath& o) const;
 
   const FrameContext& context_;
   const PathOptions& options_;
   float threshold_;
   const CameraSample& camera_;
-  Rgb beta_{1.0f};  ///< of the base path
+  bool by_class_;
+  Rgb beta_{1.0f};         ///< of the base path
+  WeightedStates states_;  ///< of its events, if classes are asked for
   std::array<OffsetPath, 4> offsets_;
   std::uint64_t rays_ = 0;
   bool connected_ = false, rare_ = false;  ///< connected_: a surface that connects was met

@@ -69,10 +69,10 @@ class TemporalGradientPath final : public Method {
       return names;
     }();
     std::vector<LayerDesc> result = film_outputs(settings, "temporal_gradient_path", more);
-    add_missing(result, {layers::grad_x(), layers::grad_y(), layers::samples(), layers::motion_forward(),
-                         layers::motion_backward(), layers::offset(layers::color()), layers::offset(layers::grad_x()),
-                         layers::offset(layers::grad_y()), layers::offset(layers::samples()),
-                         layers::offset(layers::source())});
+    add_missing(result, gradient_outputs(options_, settings, "", false));
+    add_missing(result, {layers::samples(), layers::motion_forward(), layers::motion_backward()});
+    add_missing(result, gradient_outputs(options_, settings, kOffset, true));
+    add_missing(result, {layers::offset(layers::samples()), layers::offset(layers::source())});
     if (options_.rare) {
       add_missing(result, rare_layers("", 1));
       add_missing(result, rare_layers(kOffset, 1));
@@ -83,14 +83,14 @@ class TemporalGradientPath final : public Method {
   std::vector<LayerDesc> work_layers(const RenderSettings& settings) const override {
     std::vector<LayerDesc> result;
     for (const std::string& prefix : {std::string(), kOffset}) {
-      add_missing(result, gradient_work_layers(prefix, needs_variance(options_, settings, prefix)));
+      add_missing(result, gradient_work_layers(options_, settings, prefix));
       if (options_.rare) add_missing(result, rare_work_layers(prefix, 1));
     }
     return result;
   }
 
   std::vector<PassDesc> passes(const RenderSettings& settings, FrameRange /*section*/) const override {
-    std::vector<PassDesc> result = GradientBatches::passes(options_, base_samples(settings));
+    std::vector<PassDesc> result = GradientBatches::passes(options_, settings, base_samples(settings));
     PassDesc offset{.name = "offset", .scene = {.before = 1}};
     if (options_.adaptive.mode != AdaptiveOptions::Mode::kOff)
       offset.reads = {{layers::samples().name, -1, result.back().name}};

@@ -71,9 +71,8 @@ class PathMethod final : public Method {
 
   Rgb replay(const FrameContext& context, const BadSample& sample) const override {
     const CameraSample camera = camera_sample(context, sample.numbers, sample.x, sample.y, sample.sample);
-    std::vector<Rgb> classes(context.settings.classes.empty() ? 0 : context.settings.classes.size() + 1);
     NoObserver none;
-    return trace_path(context.at(camera.time), options_, camera, {}, classes, Features::kNone, none).radiance *
+    return trace_path(context.at(camera.time), options_, camera, {}, {}, Features::kNone, none).radiance *
            camera.weight;
   }
 

@@ -77,7 +77,9 @@ TEST(PixelFilter, OffsetsFollowTheProfile) {
       for (int i = 0; i < samples; ++i) {
         const Vec2f offset = f.sample(random2(std::uint64_t(i))).offset;
         ASSERT_LE(std::max(std::abs(offset.x), std::abs(offset.y)), f.radius());
-        const auto bin = [&](float v, int n) { return std::size_t(std::min((v / f.radius() + 1) / 2 * float(n), float(n) - 0.5f)); };
+        const auto bin = [&](float v, int n) {
+          return std::size_t(std::min((v / f.radius() + 1) / 2 * float(n), float(n) - 0.5f));
+        };
         ++counts_x[bin(offset.x, bins)], ++counts_y[bin(offset.y, bins)];
         ++joint[bin(offset.x, 10) * 10 + bin(offset.y, 10)];
       }

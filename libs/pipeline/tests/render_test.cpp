@@ -174,8 +174,7 @@ TEST_F(RenderSequence, ThreadsAndSplitsDoNotChangeABit) {
     });
     for (int f = 1; f <= 3; ++f) {
       const Frame other = read_frame(file(f));
-      for (const Layer& l : other.layers())
-        EXPECT_EQ(l.image, one[f - 1].layer(l.desc.name)) << l.desc.name;
+      for (const Layer& l : other.layers()) EXPECT_EQ(l.image, one[f - 1].layer(l.desc.name)) << l.desc.name;
     }
   }
 }

@@ -224,8 +224,7 @@ TEST(SceneEdits, ObjectsThatEmitAreLights) {
   const Scene both = settled("[lights.tube]\nintensity = 2\ncolor = [1, 1, 0]\n");
   for (const int i : {1, 2}) {
     const Instance& instance = both.instances[i];
-    EXPECT_EQ(both.shapes[both.groups[instance.group][0]].emission->radiance.mean(),
-              (Rgb{2, 2, 0}));
+    EXPECT_EQ(both.shapes[both.groups[instance.group][0]].emission->radiance.mean(), (Rgb{2, 2, 0}));
   }
   // A light by the name of the object that holds it.
   const Scene held = settled("[lights.\"Lamp object\"]\nscale = 2\n");

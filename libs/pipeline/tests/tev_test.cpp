@@ -150,8 +150,7 @@ class Viewer {
             problem = "data too short for its strides";
             return;
           }
-          p.pixels[(std::size_t(y + i / w) * std::size_t(p.width) + std::size_t(x + i % w)) * n + c] =
-              data[k];
+          p.pixels[(std::size_t(y + i / w) * std::size_t(p.width) + std::size_t(x + i % w)) * n + c] = data[k];
         }
       }
       ++p.updates;

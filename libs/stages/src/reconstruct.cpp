@@ -10,7 +10,8 @@
 //
 // `color` is the solution, with the input's alpha. With rare light apart it has no negative values, and `color.common`
 // and `color.rare` are its two parts, the second one before it was smoothed; the metadata tempera/rare_light and
-// tempera/held_back are the shares of these lights. Source: [Manzi 2016, Sec. 3.3, 4.2, 5].
+// tempera/held_back are the shares of these lights. Light-path classes whose differences are there are solved each by
+// itself, with all of their light, in the same windows. Source: [Manzi 2016, Sec. 3.3, 4.2, 5].
 #include "tempera/stages/reconstruct.h"
 
 #include <fmt/format.h>
@@ -102,7 +103,8 @@ class FrameBuffer {
       read(f);
     }
   }
-  const PoissonFrame& frame(int f) const { return *slot(f).data; }
+  /// Part 0: of all light; k + 1: of class k.
+  const PoissonFrame& frame(int f, std::size_t part) const { return *slot(f).parts[part].data; }
   const RareFrame& rare(int f) const { return slot(f).rare; }
   const LightShares& shares(int f) const { return slot(f).shares; }
   /// Whether frame f continues f - 1: some of its pixels replay pixels of that, and the camera is the same. True for
@@ -110,38 +112,51 @@ class FrameBuffer {
   bool continues(int f) const { return slot(f).continues; }
 
  private:
+  struct Part {
+    std::unique_ptr<PoissonFrame> data;
+    double variance = 0;  ///< the reference of set_spatial_precision
+  };
   struct Slot {
     int frame = 0;
-    std::unique_ptr<PoissonFrame> data;
+    std::vector<Part> parts;
     bool continues = true;
     RareFrame rare;  ///< empty unless it is solved for apart
     LightShares shares;
-    double variance = 0;  ///< the reference of set_spatial_precision
   };
+  static const PassPair& light(const Input& in, std::size_t part) {
+    return part == 0 ? in.light : in.classes[part - 1];
+  }
   const Slot& slot(int f) const { return slots_[f - slots_.front().frame]; }
 
   void read(int f) {
     auto in = std::make_unique<Input>(reader_.read(f));
     const int w = reader_.width(), h = reader_.height();
-    Slot slot{f, std::make_unique<PoissonFrame>(w, h)};
+    Slot slot{f, std::vector<Part>(in->classes.size() + 1)};
     if (settings_.apart) slot.rare = take_rare_light(*in, slot.shares);
-    combine_passes(*in, *slot.data);
     const PoissonNorm norm = settings_.poisson.norm;
-    if (settings_.weighted) slot.variance = set_spatial_precision(*slot.data, variance_between_passes(*in, w, h), norm);
+    for (std::size_t k = 0; k < slot.parts.size(); ++k) {
+      auto& [data, variance] = slot.parts[k];
+      data = std::make_unique<PoissonFrame>(w, h);
+      combine_passes(*in, light(*in, k), *data);
+      if (settings_.weighted)
+        variance = set_spatial_precision(*data, variance_between_passes(*in, light(*in, k), w, h), norm);
+    }
     if (last_read_) {
       slot.continues = false;
       if (settings_.temporal && in->camera == last_read_->camera) {
-        MotionRuns runs(replay_map(*in, w, h), settings_.runs, in->sampled);
+        const MotionRuns runs(replay_map(*in, w, h), settings_.runs, in->sampled);
         slot.continues = runs.count() > 0;
-        if (slot.continues && !slots_.empty()) {
-          slots_.back().data->motion = std::move(runs);
-          subtract_passes(last_read_->base, *in, *slots_.back().data);
-          if (settings_.weighted) set_temporal_precision(*slots_.back().data, slots_.back().variance, norm);
+        for (std::size_t k = 0; slot.continues && !slots_.empty() && k < slot.parts.size(); ++k) {
+          const auto& [data, variance] = slots_.back().parts[k];
+          data->motion = runs;
+          subtract_passes(light(*last_read_, k).base, light(*in, k).offset, *data);
+          if (settings_.weighted) set_temporal_precision(*data, variance, norm);
         }
       }
     }
     // Only the base pass meets the next frame.
-    in->offset = {}, in->source = {}, in->sampled = {};
+    in->light.offset = {}, in->source = {}, in->sampled = {};
+    for (PassPair& c : in->classes) c.offset = {};
     in->base_rare = in->offset_rare = {}, in->base_held = in->offset_held = {}, in->rare_halves = {};
     last_read_ = std::move(in);
     slots_.push_back(std::move(slot));
@@ -155,37 +170,57 @@ class FrameBuffer {
 
 /// A frame of the result, blended from the windows that hold it.
 struct Blend {
-  PlanarFrames solution;  ///< of the Poisson rows
-  Image rare;             ///< smoothed rare light; empty if there is none
-  Image unfiltered;       ///< the same before it was smoothed; empty unless parts are written
+  std::vector<PlanarFrames> solutions;  ///< of the Poisson rows: of all light, then of each class
+  Image rare;                           ///< smoothed rare light; empty if there is none
+  Image unfiltered;                     ///< the same before it was smoothed; empty unless parts are written
   LightShares shares;
   double weight = 0;
 
-  void add(const PlanarFrames& x, int t, const Image& light, double window) {
+  void add(std::span<const PlanarFrames> parts, int t, const Image& light, double window) {
     weight += window;
     const float share = float(window / weight);  // 1 for the first window
-    if (solution.frames() == 0) solution = PlanarFrames(x.width(), x.height(), 1);
-    for (int y = 0; y < x.height(); ++y) {
-      for (int c = 0; c < 3; ++c) {
-        const float* from = x.row(t, y, c);
-        float* to = solution.row(0, y, c);
-        for (int i = 0; i < x.width(); ++i) to[i] += share * (from[i] - to[i]);
+    solutions.resize(parts.size());
+    for (std::size_t k = 0; k < parts.size(); ++k) {
+      const PlanarFrames& x = parts[k];
+      PlanarFrames& solution = solutions[k];
+      if (solution.frames() == 0) solution = PlanarFrames(x.width(), x.height(), 1);
+      for (int y = 0; y < x.height(); ++y) {
+        for (int c = 0; c < 3; ++c) {
+          const float* from = x.row(t, y, c);
+          float* to = solution.row(0, y, c);
+          for (int i = 0; i < x.width(); ++i) to[i] += share * (from[i] - to[i]);
+        }
       }
     }
     if (light.empty()) return;
-    if (rare.empty()) rare = Image(x.width(), x.height(), 3);
+    if (rare.empty()) rare = Image(parts[0].width(), parts[0].height(), 3);
     const std::span<const float> from = light.values();
     const std::span<float> to = rare.values();
     for (std::size_t i = 0; i < to.size(); ++i) to[i] += share * (from[i] - to[i]);
   }
 };
 
+/// Solves for consecutive frames, from their noisy pictures.
+PlanarFrames solve(const std::vector<const PoissonFrame*>& frames, const PoissonSettings& settings,
+                   const std::function<void(double)>& progress) {
+  PlanarFrames x(frames[0]->width(), frames[0]->height(), int(frames.size()));
+  for (int t = 0; t < x.frames(); ++t) {
+    for (int y = 0; y < x.height(); ++y) {
+      for (int c = 0; c < 3; ++c) {
+        std::copy_n(frames[t]->data(RowSet::kPrimal, y, c), x.width(), x.row(t, y, c));
+      }
+    }
+  }
+  solve_poisson(frames, settings, x, {}, progress);
+  return x;
+}
+
 /// Fills a frame that has what passes through.
 void fill(const Blend& blend, const Settings& settings, Frame& frame) {
   if (settings.parts) frame.create(layers::color_common()), frame.create(layers::color_rare());
   Image& color = frame.layer(layers::color().name);
   Image* common = settings.parts ? &frame.layer(layers::color_common().name) : nullptr;
-  const PlanarFrames& x = blend.solution;
+  const PlanarFrames& x = blend.solutions[0];
   parallel_rows(
       0, x.height(),
       [&](int y) {
@@ -203,6 +238,14 @@ void fill(const Blend& blend, const Settings& settings, Frame& frame) {
         }
       },
       16);
+  for (std::size_t k = 0; k < settings.classes.size(); ++k) {
+    const PlanarFrames& solution = blend.solutions[k + 1];
+    Image& to = frame.layer(layers::class_layer(settings.classes[k], layers::color()).name);
+    for (int y = 0; y < to.height(); ++y) {
+      for (int i = 0; i < to.width(); ++i)
+        to.set_rgb(i, y, {solution.row(0, y, 0)[i], solution.row(0, y, 1)[i], solution.row(0, y, 2)[i]});
+    }
+  }
   if (settings.parts) frame.layer(layers::color_rare().name) = blend.unfiltered;
   if (!settings.apart) return;
   frame.metadata[kRareShareKey] = blend.shares.rare_share();
@@ -220,13 +263,13 @@ Image mean_light(const RareFrame& f) {
 class Reconstruct final : public Stage {
  public:
   explicit Reconstruct(const Params& params) : params_(params) {
-    settings(true, true);  // what the parameters say together is checked whatever the frames are
+    Settings(params_, true, true);  // what the parameters say together is checked whatever the frames are
   }
 
   SequenceDesc output(std::span<const SequenceDesc> in) const override {
     const Settings s = settings(in);
     SequenceDesc out = in[0];
-    std::erase_if(out.layers, [](const LayerDesc& d) { return !survives(d); });
+    std::erase_if(out.layers, [&](const LayerDesc& d) { return !survives(d, s); });
     if (s.parts) {
       for (const LayerDesc& d : {layers::color_common(), layers::color_rare()}) {
         if (!out.has(d)) out.layers.push_back(d);
@@ -249,14 +292,21 @@ class Reconstruct final : public Stage {
   void run(StageRun& run) const override;
 
  private:
-  Settings settings(bool temporal, bool rare) const { return Settings(params_, temporal, rare); }
   Settings settings(std::span<const SequenceDesc> in) const {
-    return settings(in[0].has(layers::offset(layers::color())), in[0].has(layers::rare_color()));
+    std::vector<std::string> classes;
+    for (const LayerDesc& d : in[0].layers) {
+      if (d.pass.empty() && !d.path_class.empty() && d == layers::class_layer(d.path_class, layers::grad_x()))
+        classes.push_back(d.path_class);
+    }
+    return Settings(params_, in[0].has(layers::offset(layers::color())), in[0].has(layers::rare_color()),
+                    std::move(classes));
   }
   /// Whether the output holds this layer of the input: neither data of the reconstruction, nor statistics or parts of
   /// the input's `color`, which are not those of the solution.
-  static bool survives(const LayerDesc& d) {
-    return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
+  static bool survives(const LayerDesc& d, const Settings& settings) {
+    const bool solved = d.role == LayerRole::kPicture && std::find(settings.classes.begin(), settings.classes.end(),
+                                                                   d.path_class) != settings.classes.end();
+    return d.pass.empty() && (d.path_class.empty() || solved) && d.role != LayerRole::kStatistic &&
            d.role != LayerRole::kReconstruction;
   }
 
@@ -270,12 +320,13 @@ void Reconstruct::run(StageRun& run) const {
   const std::vector<int>& targets = run.frames();
   std::vector<std::string> classes;
   for (const LayerDesc& d : run.in()[0].layers) {
-    if (!d.path_class.empty() && d.pass.empty()) classes.push_back(d.name);
+    if (!d.path_class.empty() && d.pass.empty() && d.role == LayerRole::kPicture && !survives(d, settings))
+      classes.push_back(d.name);
   }
   if (!classes.empty()) {
     log_info(
         fmt::format("left out of the final frames, as they are not reconstructed and would not add up to color: "
-                    "{}; the frames of the integrator have them",
+                    "{}; the frames of the integrator have them (class_gradients = true makes them part of it)",
                     fmt::join(classes, ", ")));
   }
   std::vector<int> windows, cuts;
@@ -312,25 +363,22 @@ void Reconstruct::run(StageRun& run) const {
       }
       if (!keeps_piece(piece, goes_on, grid.begin(k), grid.length, grid.step)) continue;
 
-      std::vector<const PoissonFrame*> frames;
-      for (int f = piece.first; f <= piece.last; ++f) frames.push_back(&buffer.frame(f));
-      PlanarFrames x(reader.width(), reader.height(), int(frames.size()));
-      for (int t = 0; t < x.frames(); ++t) {
-        for (int y = 0; y < x.height(); ++y) {
-          for (int c = 0; c < 3; ++c) {
-            std::copy_n(frames[t]->data(RowSet::kPrimal, y, c), x.width(), x.row(t, y, c));
-          }
-        }
+      std::vector<PlanarFrames> parts;
+      const std::size_t count = settings.classes.size() + 1;
+      for (std::size_t part = 0; part < count; ++part) {
+        std::vector<const PoissonFrame*> frames;
+        for (int f = piece.first; f <= piece.last; ++f) frames.push_back(&buffer.frame(f, part));
+        parts.push_back(solve(frames, settings.poisson, [&](double share) {
+          progress(kReading + (1 - kReading) * (double(part) + share) / double(count));
+        }));
       }
-      solve_poisson(frames, settings.poisson, x, {},
-                    [&](double share) { progress(kReading + (1 - kReading) * share); });
       std::vector<const RareFrame*> rare;
       for (int f = piece.first; settings.apart && f <= piece.last; ++f) rare.push_back(&buffer.rare(f));
-      RareFilter filter(rare, x);
+      RareFilter filter(rare, parts[0]);
       for (auto it = target; it != targets.end() && *it <= piece.last; ++it) {
         const int f = *it, t = f - piece.first;
         Blend& blend = blends[f];
-        blend.add(x, t, filter.dark() ? Image() : filter.smooth(t), window_weight(f, grid.begin(k), grid.length));
+        blend.add(parts, t, filter.dark() ? Image() : filter.smooth(t), window_weight(f, grid.begin(k), grid.length));
         if (settings.apart) blend.shares = buffer.shares(f);
         if (settings.parts && blend.unfiltered.empty()) blend.unfiltered = mean_light(buffer.rare(f));
       }
@@ -381,7 +429,8 @@ const StageEntry reconstruct_entry{
                "needed with `rare = \"apart\"`: the light of rare paths, of both passes or of one and its halves"},
               {{"samples", "offset.samples", "albedo", "normal", "object_id"}, "read where they are there"}},
     .writes = {{{"color"}, "the solution, with the input's alpha"},
-               {{"color.common", "color.rare"}, "its two parts, with rare light apart and `parts = \"yes\"`"}},
+               {{"color.common", "color.rare"}, "its two parts, with rare light apart and `parts = \"yes\"`"},
+               {{"class.<name>.color"}, "of light-path classes with differences (`class_gradients`): their solutions"}},
     .window = "those that share a window with it (`window`, `overlap`), if they have an offset pass",
     .gap_help = "without them there are no differences over time (give --temporal-rows none to do without)",
     .examples =

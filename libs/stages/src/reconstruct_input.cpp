@@ -73,6 +73,10 @@ void take_rare(const std::string& path, int width, int height, const std::string
 
 std::vector<LayerUse> layers_read(const Settings& settings) {
   std::vector<LayerDesc> required{layers::color(), layers::grad_x(), layers::grad_y()};
+  for (const std::string& name : settings.classes) {
+    for (const LayerDesc& d : {layers::color(), layers::grad_x(), layers::grad_y()})
+      required.push_back(layers::class_layer(name, d));
+  }
   if (settings.apart) {
     for (const LayerDesc& d :
          {layers::rare_color(), layers::rare_grad_x(), layers::rare_grad_y(), layers::held_color()})
@@ -114,11 +118,16 @@ Input Reader::read(int frame) const {
   const auto take_pass = [&](const std::string& prefix) {
     return Pass{take(prefix + "color", 3), take(prefix + "grad.x", 3), take(prefix + "grad.y", 3)};
   };
-  in.base = take_pass("");
   const auto all = [](int, int) { return true; };
-  check_finite(in.path, "color", in.base.color, width_, height_, all);
-  check_finite(in.path, "grad.x", in.base.grad_x, width_ - 1, height_, all);
-  check_finite(in.path, "grad.y", in.base.grad_y, width_, height_ - 1, all);
+  const auto take_base = [&](const std::string& prefix) {
+    Pass pass = take_pass(prefix);
+    check_finite(in.path, prefix + "color", pass.color, width_, height_, all);
+    check_finite(in.path, prefix + "grad.x", pass.grad_x, width_ - 1, height_, all);
+    check_finite(in.path, prefix + "grad.y", pass.grad_y, width_, height_ - 1, all);
+    return pass;
+  };
+  in.light.base = take_base("");
+  for (const std::string& name : settings_.classes) in.classes.push_back({take_base("class." + name + "."), {}});
   in.camera = metadata_value<std::string>(file.metadata, kCameraKey).value_or("");
   const auto left = metadata_value<int>(file.metadata, kCropLeftKey),
              top = metadata_value<int>(file.metadata, kCropTopKey);
@@ -142,7 +151,6 @@ Input Reader::read(int frame) const {
   }
   if (!temporal) return in;
 
-  in.offset = take_pass("offset.");
   in.source = take(layers::offset(layers::source()).name, 3);
   const Image* counts = file.find(samples) ? &file.layer(samples) : nullptr;
   in.sampled.assign(width_, height_);
@@ -152,11 +160,18 @@ Input Reader::read(int frame) const {
     }
   }
   const auto here = [&](int x, int y) { return in.is_sampled(x, y); };
-  check_finite(in.path, "offset.color", in.offset.color, width_, height_, here);
-  check_finite(in.path, "offset.grad.x", in.offset.grad_x, width_ - 1, height_,
-               [&](int x, int y) { return here(x, y) && here(x + 1, y); });
-  check_finite(in.path, "offset.grad.y", in.offset.grad_y, width_, height_ - 1,
-               [&](int x, int y) { return here(x, y) && here(x, y + 1); });
+  const auto take_offset = [&](const std::string& prefix) {
+    Pass pass = take_pass(prefix);
+    check_finite(in.path, prefix + "color", pass.color, width_, height_, here);
+    check_finite(in.path, prefix + "grad.x", pass.grad_x, width_ - 1, height_,
+                 [&](int x, int y) { return here(x, y) && here(x + 1, y); });
+    check_finite(in.path, prefix + "grad.y", pass.grad_y, width_, height_ - 1,
+                 [&](int x, int y) { return here(x, y) && here(x, y + 1); });
+    return pass;
+  };
+  in.light.offset = take_offset("offset.");
+  for (std::size_t k = 0; k < in.classes.size(); ++k)
+    in.classes[k].offset = take_offset("offset.class." + settings_.classes[k] + ".");
   if (rare) take_rare(in.path, width_, height_, "offset.", in.offset_rare, in.offset_held, take_pass, take);
   return in;
 }
@@ -187,7 +202,7 @@ PixelMap replay_map(const Input& in, int width, int height) {
   return map;
 }
 
-void combine_passes(const Input& in, PoissonFrame& out) {
+void combine_passes(const Input& in, const PassPair& light, PoissonFrame& out) {
   const int w = out.width(), h = out.height();
   parallel_rows(
       0, h,
@@ -198,15 +213,16 @@ void combine_passes(const Input& in, PoissonFrame& out) {
         };
         for (int x = 0; x < w; ++x) {
           const bool here = in.is_sampled(x, y);
-          set_row(RowSet::kPrimal, x, in.base.color, in.offset.color, here);
-          if (x + 1 < w) set_row(RowSet::kDx, x, in.base.grad_x, in.offset.grad_x, here && in.is_sampled(x + 1, y));
-          if (y + 1 < h) set_row(RowSet::kDy, x, in.base.grad_y, in.offset.grad_y, here && in.is_sampled(x, y + 1));
+          const auto& [base, offset] = light;
+          set_row(RowSet::kPrimal, x, base.color, offset.color, here);
+          if (x + 1 < w) set_row(RowSet::kDx, x, base.grad_x, offset.grad_x, here && in.is_sampled(x + 1, y));
+          if (y + 1 < h) set_row(RowSet::kDy, x, base.grad_y, offset.grad_y, here && in.is_sampled(x, y + 1));
         }
       },
       8);
 }
 
-DataVariance variance_between_passes(const Input& in, int w, int h) {
+DataVariance variance_between_passes(const Input& in, const PassPair& light, int w, int h) {
   DataVariance out{Image(w, h, 1), Image(w, h, 1)};
   parallel_rows(
       0, h,
@@ -217,15 +233,16 @@ DataVariance variance_between_passes(const Input& in, int w, int h) {
         };
         for (int x = 0; x < w; ++x) {
           const bool here = in.is_sampled(x, y);
-          set_row(out.dx, x, in.base.grad_x, in.offset.grad_x, here && x + 1 < w && in.is_sampled(x + 1, y));
-          set_row(out.dy, x, in.base.grad_y, in.offset.grad_y, here && y + 1 < h && in.is_sampled(x, y + 1));
+          const auto& [base, offset] = light;
+          set_row(out.dx, x, base.grad_x, offset.grad_x, here && x + 1 < w && in.is_sampled(x + 1, y));
+          set_row(out.dy, x, base.grad_y, offset.grad_y, here && y + 1 < h && in.is_sampled(x, y + 1));
         }
       },
       8);
   return out;
 }
 
-void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
+void subtract_passes(const Pass& base, const Pass& next, PoissonFrame& out) {
   parallel_rows(
       0, out.height(),
       [&](int y) {
@@ -235,9 +252,9 @@ void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
             for (int c = 0; c < 3; ++c) out.data(set, y, c)[x] = d[c];
           };
           for (int i = 0; i < r.length; ++i) {
-            set_row(RowSet::kDt, r.x + i, base.color, next.offset.color);
-            if (i < r.mixed_x) set_row(RowSet::kDxDt, r.x + i, base.grad_x, next.offset.grad_x);
-            if (r.mixed_y) set_row(RowSet::kDyDt, r.x + i, base.grad_y, next.offset.grad_y);
+            set_row(RowSet::kDt, r.x + i, base.color, next.color);
+            if (i < r.mixed_x) set_row(RowSet::kDxDt, r.x + i, base.grad_x, next.grad_x);
+            if (r.mixed_y) set_row(RowSet::kDyDt, r.x + i, base.grad_y, next.grad_y);
           }
         }
       },
@@ -245,7 +262,8 @@ void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out) {
 }
 
 RareFrame take_rare_light(Input& in, LightShares& shares) {
-  const int w = in.base.color.width(), h = in.base.color.height();
+  auto& [in_base, in_offset] = in.light;
+  const int w = in_base.color.width(), h = in_base.color.height();
   const bool temporal = !in.sampled.empty();
   RareFrame out;
   out.light = {Image(w, h, 3), Image(w, h, 3)};
@@ -261,13 +279,13 @@ RareFrame take_rare_light(Input& in, LightShares& shares) {
       [&](int y) {
         for (int x = 0; x < w; ++x) {
           const Rgb base = in.base_rare.color.rgb(x, y) - in.base_held.rgb(x, y);
-          Rgb all = in.base.color.rgb(x, y), rare = in.base_rare.color.rgb(x, y), held = in.base_held.rgb(x, y);
+          Rgb all = in_base.color.rgb(x, y), rare = in.base_rare.color.rgb(x, y), held = in.base_held.rgb(x, y);
           std::array<Rgb, 2> light{base, base};
           if (!temporal) {
             light = {in.rare_halves[0].rgb(x, y), in.rare_halves[1].rgb(x, y)};
           } else if (in.is_sampled(x, y)) {
             light[1] = in.offset_rare.color.rgb(x, y) - in.offset_held.rgb(x, y);
-            all = (all + in.offset.color.rgb(x, y)) * 0.5f, held = (held + in.offset_held.rgb(x, y)) * 0.5f;
+            all = (all + in_offset.color.rgb(x, y)) * 0.5f, held = (held + in.offset_held.rgb(x, y)) * 0.5f;
             rare = (rare + in.offset_rare.color.rgb(x, y)) * 0.5f;
           }
           for (std::size_t k = 0; k < 2; ++k) {
@@ -276,13 +294,13 @@ RareFrame take_rare_light(Input& in, LightShares& shares) {
             lit[y] |= !is_black(light[k]);
           }
           rows[y] += {double(luminance(all)), double(luminance(rare)), double(luminance(held))};
-          subtract(in.base.color, in.base_rare.color, x, y);
-          subtract(in.base.grad_x, in.base_rare.grad_x, x, y);
-          subtract(in.base.grad_y, in.base_rare.grad_y, x, y);
+          subtract(in_base.color, in.base_rare.color, x, y);
+          subtract(in_base.grad_x, in.base_rare.grad_x, x, y);
+          subtract(in_base.grad_y, in.base_rare.grad_y, x, y);
           if (!temporal) continue;
-          subtract(in.offset.color, in.offset_rare.color, x, y);
-          subtract(in.offset.grad_x, in.offset_rare.grad_x, x, y);
-          subtract(in.offset.grad_y, in.offset_rare.grad_y, x, y);
+          subtract(in_offset.color, in.offset_rare.color, x, y);
+          subtract(in_offset.grad_x, in.offset_rare.grad_x, x, y);
+          subtract(in_offset.grad_y, in.offset_rare.grad_y, x, y);
           const float* s = in.source.pixel(x, y);
           const int sx = int(s[0]) - in.crop_left, sy = int(s[1]) - in.crop_top;
           if (s[2] > 0 && sx >= 0 && sy >= 0 && sx < w && sy < h) out.previous.at(x, y) = sy * w + sx;

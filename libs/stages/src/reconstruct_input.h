@@ -23,11 +23,17 @@ struct Pass {
   Image color, grad_x, grad_y;
 };
 
+/// What a sequence of pictures is solved from, in one frame.
+struct PassPair {
+  Pass base, offset;  ///< offset: empty images without an offset pass
+};
+
 /// What a file holds for the reconstruction.
 struct Input {
   std::string path;
   int frame = 0;
-  Pass base, offset;  ///< offset: empty images without an offset pass
+  PassPair light;                 ///< all of it, or without rare light
+  std::vector<PassPair> classes;  ///< of each of Settings::classes
   /// Rare light among theirs, and what of it is held back; empty unless it is solved for apart.
   Pass base_rare, offset_rare;
   Image base_held, offset_held;
@@ -67,15 +73,15 @@ class Reader {
 PixelMap replay_map(const Input& in, int width, int height);
 
 /// Primal and spatial data of a frame: means of the two passes where both have samples. [Manzi 2016, Sec. 4.2.1]
-void combine_passes(const Input& in, PoissonFrame& out);
+void combine_passes(const Input& in, const PassPair& light, PoissonFrame& out);
 
 /// Variances of the spatial data that combine_passes makes: the passes of a frame are independent estimates of the
 /// same.
-DataVariance variance_between_passes(const Input& in, int w, int h);
+DataVariance variance_between_passes(const Input& in, const PassPair& light, int w, int h);
 
 /// Temporal and mixed data of a frame: its base pass taken from the offset pass of the next one.
 /// [Manzi 2016, Sec. 4.2.1]
-void subtract_passes(const Pass& base, const Input& next, PoissonFrame& out);
+void subtract_passes(const Pass& base, const Pass& next, PoissonFrame& out);
 
 /// Luminance of a picture, all its rare light, and what is held back of it: sums over pixels.
 struct LightShares {

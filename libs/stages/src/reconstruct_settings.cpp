@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include "tempera/core/error.h"
 #include "tempera/core/vec.h"
@@ -14,7 +15,8 @@
 namespace tempera {
 namespace reconstruction {
 
-Settings::Settings(const Params& p, bool two_passes, bool rare) : temporal(two_passes) {
+Settings::Settings(const Params& p, bool two_passes, bool rare, std::vector<std::string> class_names)
+    : temporal(two_passes), classes(std::move(class_names)) {
   poisson = p.get_string("schedule") == "published" ? PoissonSettings::published() : PoissonSettings{};
   poisson.norm = p.get_string("norm") == "l1" ? PoissonNorm::kL1 : PoissonNorm::kL2;
   if (p.get_string("device") == "cuda") poisson.device = PoissonDevice::kCuda;

@@ -2,6 +2,8 @@
 #pragma once
 // What the parameters of `reconstruct` come to for the frames that it is given, and how windows lie in a sequence.
 #include <algorithm>
+#include <string>
+#include <vector>
 
 #include "tempera/core/params.h"
 #include "tempera/core/time.h"
@@ -32,16 +34,17 @@ struct WindowGrid {
 /// Parameters in the form in which the stage needs them.
 struct Settings {
   /// `two_passes`: whether the frames have an offset pass; without it there is nothing that windows could share.
-  /// `rare`: whether they have the layers of rare light.
+  /// `rare`: whether they have the layers of rare light. `class_names`: of those that have differences.
   /// Errors: Error{kBadInput} where the parameters ask for what the frames lack, StageParamError{kOutOfRange}.
-  Settings(const Params& p, bool two_passes, bool rare);
+  Settings(const Params& p, bool two_passes, bool rare, std::vector<std::string> class_names = {});
   WindowGrid grid() const { return {window, window - overlap}; }
   PoissonSettings poisson;
   MotionRunOptions runs;
-  bool temporal;          ///< whether the frames have an offset pass
-  bool weighted = false;  ///< whether differences are weighted by their variance
-  bool apart = false;     ///< whether rare light is solved for apart
-  bool parts = false;     ///< whether both parts are written
+  bool temporal;                     ///< whether the frames have an offset pass
+  bool weighted = false;             ///< whether differences are weighted by their variance
+  bool apart = false;                ///< whether rare light is solved for apart
+  bool parts = false;                ///< whether both parts are written
+  std::vector<std::string> classes;  ///< light-path classes that are solved for, too
   int window = 10, overlap = 5;
 };
 

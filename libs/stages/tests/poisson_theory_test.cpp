@@ -84,8 +84,7 @@ TEST(PoissonTheory, TheSolverHasTheErrorOfIndependentNoise) {
       for (int x0 = 0; x0 < kSize; x0 += CosineTransform::kLanes) {
         for (int c = 0; c < 3; ++c) {
           for (int t = 0; t < kFrames; ++t) {
-            std::copy_n(x.row(t, y, c) + x0, CosineTransform::kLanes,
-                        &series[t * CosineTransform::kLanes]);
+            std::copy_n(x.row(t, y, c) + x0, CosineTransform::kLanes, &series[t * CosineTransform::kLanes]);
           }
           transform.forward(series.data(), scratch);
           for (std::size_t i = 0; i < series.size(); ++i) {

@@ -687,6 +687,54 @@ TEST_F(Reconstruct, RareLightOfSinglePasses) {
   EXPECT_EQ(result("apart", 0).layer("color.rare").rgb(9, 9), rare);
 }
 
+// Classes with differences are solved for, each as all light is: a class that has all of it has the bits of `color`, and
+// one that has a quarter of it, with l2, a quarter.
+TEST_F(Reconstruct, ClassesWithDifferencesAreSolvedFor) {
+  for (const bool temporal : {true, false}) {
+    for (const std::string norm : {"l1", "l2"}) {
+      Sequence s;
+      s.velocity = {1, 0};
+      s.truth = moving_pattern(s.velocity);
+      s.noise = replayed_noise(s.velocity, 0.1);
+      s.temporal = temporal;
+      for (int f = 0; f < 8; ++f) {
+        Frame frame = make(s, f, 0);
+        for (const LayerDesc& d : {layers::color(), layers::grad_x(), layers::grad_y()}) {
+          for (const bool offset : {false, true}) {
+            if (offset && !temporal) continue;
+            const auto pass = [&](const LayerDesc& l) { return offset ? layers::offset(l) : l; };
+            const Image from = frame.layer(pass(d).name);
+            Image& all = frame.create(pass(layers::class_layer("all", d)));
+            Image& quarter = frame.create(pass(layers::class_layer("quarter", d)));
+            for (int y = 0; y < s.height; ++y) {
+              for (int x = 0; x < s.width; ++x)
+                all.set_rgb(x, y, from.rgb(x, y)), quarter.set_rgb(x, y, from.rgb(x, y) * 0.25f);
+            }
+          }
+        }
+        frame.create(layers::class_layer("other", layers::color()));
+        frame.create(layers::class_layer("all", layers::color_a()));
+        write_frame(frame_path(path("in.####.exr"), f), frame);
+      }
+      run(FrameSequence(path("in.####.exr")), "out", "window=4,norm=" + norm);
+      for (int f = 0; f < 8; ++f) {
+        const Frame out = result("out", f);
+        EXPECT_FALSE(out.has("class.other.color") || out.has("class.all.grad.x") || out.has("class.all.color.a") ||
+                     out.has("offset.class.all.color"));
+        for (int y = 0; y < s.height; ++y) {
+          for (int x = 0; x < s.width; ++x) {
+            const Rgb color = out.layer("color").rgb(x, y);
+            ASSERT_EQ(out.layer("class.all.color").rgb(x, y), color) << f << ": " << x << " " << y;
+            if (norm == "l2") {
+              ASSERT_EQ(out.layer("class.quarter.color").rgb(x, y), color * 0.25f) << f << ": " << x << " " << y;
+            }
+          }
+        }
+      }
+    }
+  }
+}
+
 // Parts of the input's picture are not parts of the solution.
 TEST_F(Reconstruct, ClassesAreLeftOut) {
   Sequence s;

@@ -139,9 +139,7 @@ inline Window pan_with_discs(int width, int height, int count, int discs = 14) {
     }
     return -1;
   };
-  const auto velocity = [&](int d) {
-    return d < 0 ? Vec2<int>{3, 1} : Vec2<int>{list[d].vx, list[d].vy};
-  };
+  const auto velocity = [&](int d) { return d < 0 ? Vec2<int>{3, 1} : Vec2<int>{list[d].vx, list[d].vy}; };
   parallel_for(0, count, [&](std::int64_t n) {
     const int t = int(n);
     PixelMap motion(width, height);

@@ -37,9 +37,20 @@ std::vector<LayerDesc> film_outputs(const RenderSettings& settings, std::string_
       add(*desc);
     }
   }
-  for (const PathClass& c : settings.classes) add(layers::class_layer(c.name, layers::color()));
-  if (settings.classes_are_decomposition) add(layers::class_layer("residual", layers::color()));
+  const std::vector<LayerDesc> asked = result;
+  for (const std::string& name : class_names(settings)) {
+    for (const LayerDesc& d : {layers::color(), layers::color_a(), layers::color_b(), layers::color_variance()}) {
+      if (std::find(asked.begin(), asked.end(), d) != asked.end()) add(layers::class_layer(name, d));
+    }
+  }
   return result;
+}
+
+std::vector<std::string> class_names(const RenderSettings& settings) {
+  std::vector<std::string> names;
+  for (const PathClass& c : settings.classes) names.push_back(c.name);
+  if (settings.classes_are_decomposition) names.push_back("residual");
+  return names;
 }
 
 void add_missing(std::vector<LayerDesc>& list, const std::vector<LayerDesc>& more) {
@@ -58,13 +69,26 @@ Rgb variance_of_mean(const Rgb& sum_a, int count_a, const Rgb& sum_b, int count_
   return difference * difference * (m * n / sqr(m + n));
 }
 
-const std::size_t TileFilm::kBytesOfPixel = sizeof(Pixel);
+namespace {
+
+bool has_classes(const RenderSettings& settings, const std::string& prefix, const Frame& out) {
+  const std::vector<std::string> names = class_names(settings);
+  return std::any_of(names.begin(), names.end(), [&](const std::string& name) {
+    return out.has(prefix + layers::class_layer(name, layers::color()).name);
+  });
+}
+
+}  // namespace
+
+std::size_t TileFilm::bytes_of_pixel(const RenderSettings& settings) {
+  return sizeof(Pixel) + (settings.classes.empty() ? 0 : settings.classes.size() + 1) * sizeof(ClassSums);
+}
 
 TileFilm::TileFilm(const FrameContext& context, const Tile& tile, const Frame& out, std::string prefix)
     : settings_(context.settings),
       tile_(tile),
       prefix_(std::move(prefix)),
-      class_count_(settings_.classes.empty() || !prefix_.empty() ? 0 : settings_.classes.size() + 1),
+      class_count_(has_classes(settings_, prefix_, out) ? settings_.classes.size() + 1 : 0),
       pixels_(std::size_t(tile.x1 - tile.x0) * std::size_t(tile.y1 - tile.y0)),
       class_sums_(pixels_.size() * class_count_),
       sample_classes_(class_count_),
@@ -103,8 +127,12 @@ bool TileFilm::add(int x, int y, int index, const CameraSample& camera, const Sa
   (index & 1 ? p.sum_b : p.sum_a) += c;
   ++(index & 1 ? p.count_b : p.count_a);
   p.time += camera.time;
-  for (std::size_t k = 0; k < class_count_; ++k)
-    class_sums_[i * class_count_ + k] += sample_classes_[k] * camera.weight;
+  for (std::size_t k = 0; k < class_count_; ++k) {
+    ClassSums& sums = class_sums_[i * class_count_ + k];
+    const Rgb part = sample_classes_[k] * camera.weight;
+    sums.sum += part;
+    if (!(index & 1)) sums.sum_a += part;
+  }
   const FirstHit& first = sample.first;
   if (cryptomatte_) ids_.add(x - tile_.x0, y - tile_.y0, first.valid ? instance_ids_[first.instance] : 0, 1);
   if (first.valid) {
@@ -141,9 +169,17 @@ void TileFilm::write(Frame& out) const {
   Image *half_a = layer("color.a"), *half_b = layer("color.b"), *variance = layer("color.var");
   Image *albedo = layer("albedo"), *normal = layer("normal"), *depth = layer("depth"), *position = layer("position");
   Image *uv = layer("uv"), *emission = layer("emission"), *count = layer("samples"), *mean_time = layer("time");
-  std::vector<Image*> class_layers;
-  for (const PathClass& c : settings_.classes) class_layers.push_back(layer("class." + c.name + ".color"));
-  if (class_count_) class_layers.push_back(layer("class.residual.color"));
+  struct ClassLayers {
+    Image *color, *half_a, *half_b, *variance;
+  };
+  std::vector<ClassLayers> class_layers(class_count_);
+  if (class_count_) {
+    const std::vector<std::string> names = class_names(settings_);
+    for (std::size_t k = 0; k < names.size(); ++k) {
+      const std::string name = "class." + names[k] + ".color";
+      class_layers[k] = {layer(name), layer(name + ".a"), layer(name + ".b"), layer(name + ".var")};
+    }
+  }
   for (int y = tile_.y0; y < tile_.y1; ++y) {
     for (int x = tile_.x0; x < tile_.x1; ++x) {
       const std::size_t i = at(x, y);
@@ -153,8 +189,13 @@ void TileFilm::write(Frame& out) const {
       Rgb mean_color = p.sum * inv;
       Rgb class_total;
       for (std::size_t k = 0; k < class_count_; ++k) {
-        const Rgb c = class_sums_[i * class_count_ + k] * inv;
-        if (class_layers[k]) class_layers[k]->set_rgb(ox, oy, c);
+        const ClassLayers& to = class_layers[k];
+        const ClassSums& sums = class_sums_[i * class_count_ + k];
+        const Rgb c = sums.sum * inv, sum_b = sums.sum - sums.sum_a;
+        if (to.color) to.color->set_rgb(ox, oy, c);
+        if (to.half_a) to.half_a->set_rgb(ox, oy, p.count_a ? sums.sum_a * (1 / float(p.count_a)) : Rgb(0.0f));
+        if (to.half_b) to.half_b->set_rgb(ox, oy, p.count_b ? sum_b * (1 / float(p.count_b)) : Rgb(0.0f));
+        if (to.variance) to.variance->set_rgb(ox, oy, variance_of_mean(sums.sum_a, p.count_a, sum_b, p.count_b));
         class_total += c;
       }
       // The picture is defined as the sum of its parts: adding the layers up gives it to the bit.

@@ -67,9 +67,7 @@ TEST_F(Gltf, InterpolationsMatchHandEvaluatedValues) {
   const fs::path file = shared_scenes() / "gltf/InterpolationTest/InterpolationTest.glb";
   if (!fs::exists(file)) GTEST_SKIP();
   const Scene scene = load_sample(file);  // nine clips on nine nodes play together
-  const auto local = [&](const char* node, double t) {
-    return scene.nodes[node_named(scene, node)].local.at(t);
-  };
+  const auto local = [&](const char* node, double t) { return scene.nodes[node_named(scene, node)].local.at(t); };
   const auto scale_of = [&](const char* node, double t) { return length(local(node, t).x); };
   // Scale keys 1, 0.5, 1, ... at 1/24, 10/24, 21/24 s.
   EXPECT_NEAR(scale_of("Cube", 0.4), 1, 1e-6);  // step

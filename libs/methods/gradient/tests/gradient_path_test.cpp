@@ -43,35 +43,48 @@ std::vector<Estimate> estimate(BoxShot shot, std::uint64_t first_seed, const std
   return out;
 }
 
-Agreement compare(const BoxShot& shot, int spp, int reference_spp) {
+/// One for each of `classes`; "": all light.
+std::vector<Agreement> compare(const BoxShot& shot, int spp, int reference_spp,
+                               const std::vector<std::string>& classes = {""}) {
   BoxShot gradients = shot, reference = shot;
-  gradients.integrator = "gradient_path";
+  gradients.integrator = "gradient_path", reference.integrator = "path";
   gradients.settings.spp = spp;
   reference.settings.spp = reference_spp;
-  for (const char* own : {",roughness_threshold", ",adaptive"}) {  // parameters that path lacks stand last
+  for (const char* own : {",roughness_threshold", ",adaptive", ",class_gradients"}) {  // what path lacks stands last
     if (const auto at = reference.parameters.find(own); at != std::string::npos) reference.parameters.resize(at);
   }
-  const std::vector<Estimate> g = estimate(gradients, 0, {"grad.x", "grad.y"});
-  const Estimate color = estimate(reference, 99, {"color"})[0];
+  std::vector<std::string> differences, colors;
+  for (const std::string& name : classes) {
+    const std::string prefix = name.empty() ? "" : "class." + name + ".";
+    differences.push_back(prefix + "grad.x"), differences.push_back(prefix + "grad.y");
+    colors.push_back(prefix + "color");
+  }
+  const std::vector<Estimate> all_g = estimate(gradients, 0, differences), all_colors = estimate(reference, 99, colors);
   const int w = shot.settings.width, h = shot.settings.height;
-  Agreement a;
-  for (const auto& [k, dx, dy] : {std::tuple{0, 1, 0}, {1, 0, 1}}) {
-    for (int y = 0; y + dy < h; ++y) {
-      for (int x = 0; x + dx < w; ++x) {
-        for (int c = 0; c < 3; ++c) {
-          const std::size_t i = std::size_t((y * w + x) * 3 + c), j = std::size_t(((y + dy) * w + x + dx) * 3 + c);
-          const Estimate& e = g[k];
-          const double variance = e.variance[i] + color.variance[i] + color.variance[j];
-          const double z = (e.mean[i] - (color.mean[j] - color.mean[i])) / std::sqrt(variance + 1e-12);
-          a.z += z, a.z2 += z * z, ++a.n;
-          a.largest = std::max(a.largest, std::abs(z));
+  std::vector<Agreement> result(classes.size());
+  for (std::size_t n = 0; n < classes.size(); ++n) {
+    Agreement& a = result[n];
+    const Estimate& color = all_colors[n];
+    for (const auto& [k, dx, dy] : {std::tuple{0, 1, 0}, {1, 0, 1}}) {
+      const Estimate& g = all_g[2 * n + std::size_t(k)];
+      for (int y = 0; y + dy < h; ++y) {
+        for (int x = 0; x + dx < w; ++x) {
+          for (int c = 0; c < 3; ++c) {
+            const std::size_t i = std::size_t((y * w + x) * 3 + c), j = std::size_t(((y + dy) * w + x + dx) * 3 + c);
+            const double variance = g.variance[i] + color.variance[i] + color.variance[j];
+            const double residual = g.mean[i] - (color.mean[j] - color.mean[i]);
+            if (variance == 0 && residual == 0) continue;  // the class has no light here
+            const double z = residual / std::sqrt(variance + 1e-12);
+            a.z += z, a.z2 += z * z, ++a.n;
+            a.largest = std::max(a.largest, std::abs(z));
+          }
         }
       }
     }
+    a.z /= a.n;
+    a.z2 /= a.n * double(kRuns - 1) / (kRuns - 3);  // squares of Student's t with kRuns - 1 degrees of freedom
   }
-  a.z /= a.n;
-  a.z2 /= a.n * double(kRuns - 1) / (kRuns - 3);  // squares of Student's t with kRuns - 1 degrees of freedom
-  return a;
+  return result;
 }
 
 struct Case {
@@ -91,7 +104,7 @@ TEST_P(Gradients, AreTheDifferencesOfThePicture) {
   const int spp = 128 * GetParam().effort, width = 16, height = 14;
   BoxShot shot = GetParam().shot();
   shot.settings.width = width, shot.settings.height = height;
-  const Agreement a = compare(shot, spp, 16 * spp);
+  const Agreement a = compare(shot, spp, 16 * spp)[0];
   RecordProperty("mean_z", std::to_string(a.z));
   RecordProperty("mean_z2", std::to_string(a.z2));
   std::printf("%s: mean z %.3f, mean z^2 %.3f, largest %.1f of %d\n", GetParam().name, a.z, a.z2, a.largest, a.n);
@@ -100,13 +113,63 @@ TEST_P(Gradients, AreTheDifferencesOfThePicture) {
 }
 
 const MaterialPtr kWhite = make_diffuse(0.7f);
+MaterialPtr glass(float alpha = 0);
+
+/// Surfaces that scatter by several events at once, or by other events than their neighbours.
+BoxShot many_events() {
+  BoxShot shot = BoxShot(make_blend(0.5f, make_diffuse(0.6f), make_conductor({})), make_plastic({})).area_light().sky();
+  shot.coarse(glass(0.05f));
+  shot.integrator = "gradient_path";
+  shot.parameters += ",class_gradients=true";
+  shot.settings.classes = {{"direct", "ED"}, {"indirect", "ED.+"}, {"mirror", "ER.*"}, {"glass", "ET.*"}};
+  shot.settings.classes_are_decomposition = true;
+  return shot;
+}
+
+// Differences of classes are differences of their pictures, and add up to the difference of all light.
+TEST(ClassGradients, AreTheDifferencesOfTheirPictures) {
+  BoxShot shot = many_events();
+  shot.settings.width = 16, shot.settings.height = 14;
+  const std::vector<std::string> names{"direct", "indirect", "mirror", "glass"};
+  const std::vector<Agreement> all = compare(shot, 256, 2048, names);
+  for (std::size_t k = 0; k < names.size(); ++k) {
+    const Agreement& a = all[k];
+    std::printf("%s: mean z %.3f, mean z^2 %.3f, largest %.1f of %d\n", names[k].c_str(), a.z, a.z2, a.largest, a.n);
+    EXPECT_GT(a.n, 500) << names[k];
+    EXPECT_NEAR(a.z2, 1, 0.35) << names[k];
+    EXPECT_NEAR(a.z, 0, 0.15) << names[k];
+  }
+}
+
+TEST(ClassGradients, AddUpAndChangeNothingElse) {
+  BoxShot shot = many_events();
+  shot.settings.spp = 8;
+  const Frame with = shot.render();
+  shot.parameters = "max_depth=6";
+  const Frame without = shot.render();
+  for (const char* name : {"color", "grad.x", "grad.y", "class.mirror.color", "rare.color"})
+    EXPECT_EQ(values(with.layer(name)), values(without.layer(name))) << name;
+  EXPECT_FALSE(without.has("class.mirror.grad.x"));
+  for (const char* name : {"grad.x", "grad.y"}) {
+    for (int y = 0; y < shot.settings.height; ++y) {
+      for (int x = 0; x < shot.settings.width; ++x) {
+        Rgb sum;
+        for (const char* part : {"direct", "indirect", "mirror", "glass", "residual"})
+          sum += with.layer("class." + std::string(part) + "." + name).rgb(x, y);
+        const Rgb all = with.layer(name).rgb(x, y);
+        for (int c = 0; c < 3; ++c) EXPECT_NEAR(sum[c], all[c], 1e-4f * (1 + std::abs(all[c]))) << x << " " << y;
+      }
+    }
+  }
+}
+
 MaterialPtr rough(float alpha) {
   ConductorParams p;
   p.eta = Rgb{0.2f, 0.9f, 1.1f}, p.k = Rgb{3.9f, 2.4f, 2.2f};
   p.roughness = {true, Microfacets::kGgx, alpha, alpha, true};
   return make_conductor(p);
 }
-MaterialPtr glass(float alpha = 0) {
+MaterialPtr glass(float alpha) {
   DielectricParams p;
   if (alpha > 0) p.roughness = {true, Microfacets::kGgx, alpha, alpha, true};
   return make_dielectric(p);

@@ -444,19 +444,53 @@ TEST(Path, OneClassOfEverythingChangesNothing) {
   }
 }
 
-TEST(Path, ClassesEstimateTheSamePictureAsNone) {
+// Nothing is chosen at random for the classes: the picture is that without them, whatever they are.
+TEST(Path, ClassesDoNotChangeThePicture) {
   TestShot shot = mixed();
-  shot.settings.spp = 512;
   const Image plain = shot.render().layer("color");
-  shot.settings.seed = 1;
-  shot.settings.classes = {{"dd", "ED"}, {"refl", "ERD.*"}, {"trans", "ETTD.*"}};
-  shot.settings.classes_are_decomposition = true;
-  const Image classed = shot.render().layer("color");
-  double a = 0, b = 0;
-  for (int y = 0; y < 32; ++y) {
-    for (int x = 0; x < 32; ++x) a += luminance(plain.rgb(x, y)), b += luminance(classed.rgb(x, y));
+  std::vector<PathClass> by_mirrors;
+  for (int k = 0; k < 12; ++k)
+    by_mirrors.push_back({"r" + std::to_string(k), "E([DT]*R){" + std::to_string(k) + "}[DT]*"});
+  for (const std::vector<PathClass>& classes :
+       {std::vector<PathClass>{{"dd", "ED"}, {"refl", "ERD.*"}, {"trans", "ETTD.*"}},
+        {{"none", "EDRTDRTDRT"}},
+        {{"long", "E.{3,}"}},
+        by_mirrors}) {
+    shot.settings.classes = classes;
+    shot.settings.classes_are_decomposition = false;
+    EXPECT_EQ(shot.render().layer("color"), plain);
+    shot.settings.classes_are_decomposition = true;  // the picture is the sum of its parts
+    const Image sum = shot.render().layer("color");
+    for (std::size_t i = 0; i < plain.values().size(); ++i)
+      EXPECT_NEAR(sum.values()[i], plain.values()[i], 2e-5f * (1 + std::abs(plain.values()[i])));
   }
-  EXPECT_NEAR(a / b, 1, 0.01);
+}
+
+// What a class has in the mean does not depend on the others that are asked for, with halves and variance of its own.
+TEST(Path, HalvesOfClasses) {
+  TestShot shot = mixed();
+  shot.settings.classes = {{"dd", "ED"}, {"rest", "ED.+"}};
+  shot.settings.layers = {"color.a", "color.b", "color.var"};
+  shot.settings.classes_are_decomposition = true;
+  const Frame frame = shot.render();
+  for (const char* half : {"color.a", "color.b"}) {
+    for (int y = 0; y < 32; ++y) {
+      for (int x = 0; x < 32; ++x) {
+        Rgb sum;
+        for (const char* name : {"dd", "rest", "residual"})
+          sum += frame.layer("class." + std::string(name) + "." + half).rgb(x, y);
+        for (int c = 0; c < 3; ++c) EXPECT_NEAR(sum[c], frame.layer(half).rgb(x, y)[c], 2e-5f * (1 + std::abs(sum[c])));
+      }
+    }
+  }
+  double variance = 0, difference = 0;
+  for (int y = 0; y < 32; ++y) {
+    for (int x = 0; x < 32; ++x) {
+      const Rgb d = frame.layer("class.dd.color.a").rgb(x, y) - frame.layer("class.dd.color.b").rgb(x, y);
+      difference += luminance(d * d) / 4, variance += luminance(frame.layer("class.dd.color.var").rgb(x, y));
+    }
+  }
+  EXPECT_NEAR(variance / difference, 1, 1e-3);
 }
 
 TEST(Path, MasksLetLightThrough) {

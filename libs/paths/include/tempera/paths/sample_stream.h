@@ -170,6 +170,8 @@ class SampleStream {
             u(D::kRoulette),
             u(D::kOpacity)};
   }
+  /// Bits that differ from sample to sample, for decisions that no coordinate is meant for.
+  std::uint32_t hash() const { return std::uint32_t(hash_key(key_, reversed_sample_)); }
 
  private:
   /// Coordinates 8 i to 8 i + 7. Lanes 0 to 3: first dimensions of the four pairs; 4 to 7: second.

@@ -14,6 +14,7 @@
 #include <type_traits>
 
 #include "tempera/core/error.h"
+#include "tempera/core/fixed_stack.h"
 #include "tempera/core/vec.h"
 #include "tempera/shading/lobes.h"
 
@@ -59,35 +60,6 @@ struct BsdfLayer {
   std::int8_t above = -1;  ///< layer over this one, or -1
   float f0 = 0.04f, f90 = 1, alpha = 1;
 };
-
-namespace detail {
-/// Up to N values in uninitialised storage: an empty one costs nothing to make.
-template <class T, int N>
-class FixedStack {
- public:
-  int size() const { return size_; }
-  const T& operator[](int i) const { return std::launder(reinterpret_cast<const T*>(storage_))[i]; }
-  T& operator[](int i) { return std::launder(reinterpret_cast<T*>(storage_))[i]; }
-  void clear() { size_ = 0; }
-  /// Appends and returns the index. More than N is an assertion failure; without assertions the value is dropped and
-  /// the last index returned.
-  int push(const T& value) {
-    return push_made([&]() -> const T& { return value; });
-  }
-  /// The same for what make() returns, made in place.
-  template <class Make>
-  int push_made(Make&& make) {
-    TEMPERA_ASSERT(size_ < N);
-    if (size_ < N) new (storage_ + size_++ * sizeof(T)) T(make());
-    return size_ - 1;
-  }
-
- private:
-  static_assert(std::is_trivially_copyable_v<T>);
-  int size_ = 0;
-  alignas(T) std::byte storage_[N * sizeof(T)];
-};
-}  // namespace detail
 
 /// A set of weighted lobes. Threads: a value, const use is re-entrant.
 class Bsdf {
@@ -215,9 +187,9 @@ class Bsdf {
                   const Vec3f& local_wi, BsdfEval& out) const;
   void accumulate_all(const Vec3f& wo, const Vec3f& wi, int skip, BsdfEval& out) const;
 
-  detail::FixedStack<Entry, kMaxLobes> lobes_;
-  detail::FixedStack<Frame, 2 * kMaxFrames> frames_;  // each may have an unbent twin
-  detail::FixedStack<BsdfLayer, kMaxLayers> layers_;
+  FixedStack<Entry, kMaxLobes> lobes_;
+  FixedStack<Frame, 2 * kMaxFrames> frames_;  // each may have an unbent twin
+  FixedStack<BsdfLayer, kMaxLayers> layers_;
   float total_probability_ = 0;
   bool has_non_delta_ = false;
   bool has_horizon_ = false;

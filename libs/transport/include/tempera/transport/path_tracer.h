@@ -15,6 +15,7 @@
 #include <span>
 
 #include "tempera/core/params.h"
+#include "tempera/paths/weighted_states.h"
 #include "tempera/transport/frame_context.h"
 
 namespace tempera {
@@ -166,35 +167,26 @@ struct Tally {
   std::span<Rgb> classes;
   Rgb total;
   float clamp = 0;
-  void add(LightPathClassifier::State state, Rgb c, bool scattered) {
-    if (clamp > 0 && scattered) {
-      const float l = luminance(c);
-      if (l > clamp) c *= clamp / l;
-    }
+  /// Light that arrives along a path; `scattered`: whether surfaces lie between, else it is not clamped.
+  void add(const WeightedStates& states, Rgb c, bool scattered) {
+    if (scattered) limit(c);
     total += c;
-    if (classes.empty()) return;
-    std::uint32_t members = classifier.classes(state);
-    if (members == 0) classes.back() += c;
-    for (; members; members &= members - 1) classes[std::countr_zero(members)] += c;
+    if (!classes.empty()) states.add_to(classifier, c, classes);
+  }
+  /// Light that the last vertex scatters towards the eye; `f` by event.
+  void add(const WeightedStates& states, Rgb c, const std::array<Rgb, kEventCount>& f) {
+    limit(c);
+    total += c;
+    if (!classes.empty()) states.add_to(classifier, c, f, classes);
+  }
+
+ private:
+  void limit(Rgb& c) const {
+    if (!(clamp > 0)) return;
+    const float l = luminance(c);
+    if (l > clamp) c *= clamp / l;
   }
 };
-
-/// Groups the events of `f` by the state that they lead to and calls use(state, sum of the group) for each group that
-/// is not black, until it returns false.
-template <class Use>
-void for_each_state(const LightPathClassifier& classifier, LightPathClassifier::State from,
-                    const std::array<Rgb, kEventCount>& f, Use&& use) {
-  std::array<LightPathClassifier::State, kEventCount> next;
-  for (std::size_t e = 0; e < kEventCount; ++e) next[e] = classifier.next(from, Event(e));
-  for (std::size_t e = 0; e < kEventCount; ++e) {
-    if (std::find(next.begin(), next.begin() + e, next[e]) != next.begin() + e) continue;
-    Rgb share;
-    for (std::size_t k = e; k < kEventCount; ++k) {
-      if (next[k] == next[e]) share += f[k];
-    }
-    if (!is_black(share) && !use(next[e], share)) return;
-  }
-}
 
 /// The edge that a path has just been extended by, for observers.
 struct Extension {
@@ -234,9 +226,10 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
   const double time = camera.time;
   Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, time};
   Rgb beta(1.0f);
-  float beta_roulette = 1;  // throughput before a class was chosen, so that roulette does not depend on the classes
+  float beta_roulette = 1;  // throughput without absorption
   float eta_product = 1;    // radiance scaling by refraction, taken out of roulette's decision
-  LightPathClassifier::State state = classifier.start();
+  WeightedStates states;
+  if (!classes.empty()) states.start(classifier, camera.stream.hash());
   float bsdf_pdf = 0;  // density of ray.d at the previous vertex
   bool mis = false;    // whether next-event estimation could have found what this ray finds
   Vec3f previous = ray.o;
@@ -278,7 +271,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
         le = lights.environment(ray.d, time, seen_by_camera);
         if (!is_black(le)) {
           if (mis) light_pdf = lights.environment_pdf(ray.d, time, previous);
-          tally.add(state, beta * le * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1);
+          tally.add(states, beta * le * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1);
         }
       }
       observe(index, nullptr, le, light_pdf, pass_probability);
@@ -294,7 +287,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
         light_pdf = lights.pdf(v.hit.point, v.s, previous, length(v.s.p - previous));
       }
       if (!is_black(emitted)) {
-        tally.add(state, beta * emitted * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1);
+        tally.add(states, beta * emitted * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1);
       }
     }
 
@@ -319,7 +312,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     if (edges >= options.max_depth || v.bsdf.empty()) break;
     const VertexNumbers u = camera.stream.vertex(index);
 
-    // Next-event estimation. [Zimmer 2015, Sec. 3]: each event's share goes to the class that it leads to.
+    // Next-event estimation. Each event's share goes to the class that it leads to. [Zimmer 2015, Sec. 3]
     const bool next_event = v.bsdf.has_non_delta() && !lights.empty();
     if (next_event) {
       const auto light = lights.sample(v.s.p, time, u.light_choice, u.light_point);
@@ -335,14 +328,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
           if (visible > 0 && carries) {
             const float w = light->delta ? 1.0f : power_heuristic(light->pdf, f.pdf);
             const Rgb le = beta * light->radiance * (visible * w / light->pdf);
-            if (classes.empty()) {
-              tally.add(state, le * f_sum, true);
-            } else {
-              for_each_state(classifier, state, f.f_cos, [&](LightPathClassifier::State next, const Rgb& share) {
-                tally.add(next, le * share, true);
-                return true;
-              });
-            }
+            tally.add(states, le * f_sum, f.f_cos);
           }
           observer.next_event(v, *light, f, visible);
         }
@@ -357,25 +343,8 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     const float eta2 = sample->transmitted ? sample->eta * sample->eta : 1.0f;
     beta_roulette *= max_component(total) * inv_pdf;
     eta_product *= eta2;
-    if (classes.empty()) {
-      beta *= total * inv_pdf;
-    } else {
-      // Events that lead to one state need no choice; between states, choose by luminance and divide. The number that
-      // chose the lobe is spent; a hash of it chooses the state.
-      const float u_state = to_unit_float(std::uint32_t(mix64(std::bit_cast<std::uint32_t>(u.lobe) + 0x5851f42dull)));
-      Rgb chosen;
-      float below = 0;
-      const LightPathClassifier::State from = state;
-      for_each_state(classifier, from, sample->f_cos, [&](LightPathClassifier::State next, const Rgb& share) {
-        const float p = luminance(share) / luminance(total);
-        if (!(p > 0)) return true;
-        chosen = p < 1 ? share * (1 / p) : share;
-        state = next;
-        below += p;
-        return u_state >= below;
-      });
-      beta *= chosen * inv_pdf;
-    }
+    beta *= total * inv_pdf;
+    if (!classes.empty()) states.scatter(classifier, sample->f_cos);
     mis = !sample->delta && next_event;
     bsdf_pdf = sample->pdf;
     previous = v.s.p;

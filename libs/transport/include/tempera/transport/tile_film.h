@@ -10,12 +10,15 @@
 namespace tempera {
 
 /// Names of the layers that a TileFilm and write_motion (pixel_motion.h) can write, beside CryptoObject* and
-/// class.*.color.
+/// class.*.
 const std::vector<std::string>& film_layers();
-/// The descriptors of what `settings` asks for: color, the layers among `names` and film_layers(), cryptomatte,
-/// classes. Errors: Error{kUnknownName} for a layer that is not among them, naming `integrator`.
+/// The descriptors of what `settings` asks for: color, the layers among `names` and film_layers(), cryptomatte, and for
+/// each class its color, with halves and variance where those of color are asked for. Errors: Error{kUnknownName} for a layer that is not among them, naming `integrator`.
 std::vector<LayerDesc> film_outputs(const RenderSettings& settings, std::string_view integrator,
                                     std::span<const std::string> more = {});
+
+/// Names of the light-path classes that have layers: those of `settings`, and the residual of a decomposition.
+std::vector<std::string> class_names(const RenderSettings& settings);
 
 /// Appends those of `more` that `list` lacks.
 void add_missing(std::vector<LayerDesc>& list, const std::vector<LayerDesc>& more);
@@ -28,7 +31,8 @@ Rgb variance_of_mean(const Rgb& sum_a, int count_a, const Rgb& sum_b, int count_
 /// Threads: one thread each.
 class TileFilm {
  public:
-  static const std::size_t kBytesOfPixel;  ///< that `save` takes, without classes and cryptomatte
+  /// That `save` takes, without cryptomatte.
+  static std::size_t bytes_of_pixel(const RenderSettings& settings);
 
   /// Gathers what `out` has layers for, under names that begin with `prefix`.
   TileFilm(const FrameContext& context, const Tile& tile, const Frame& out, std::string prefix = "");
@@ -69,7 +73,12 @@ class TileFilm {
   std::string prefix_;
   std::size_t class_count_;
   std::vector<Pixel> pixels_;
-  std::vector<Rgb> class_sums_, sample_classes_;
+  /// Radiance of one class: sums of all samples and of those of half a.
+  struct ClassSums {
+    Rgb sum, sum_a;
+  };
+  std::vector<ClassSums> class_sums_;
+  std::vector<Rgb> sample_classes_;
   bool cryptomatte_;
   Features features_ = Features::kNone;
   CryptomatteBuffer ids_;
