@@ -51,7 +51,7 @@ std::vector<MotionPieces::Stretch> MotionPieces::stretches(TimeSpan span) const 
     if (shared.begin > shared.end || (shared.begin == held.end && !is_last && i != whole_)) continue;
     const std::int64_t first = std::clamp(grid_.first(shared), p.first, p.last);
     const std::int64_t last = std::clamp(grid_.last(shared), first, p.last);
-    all.push_back({p.offset + std::size_t(first - p.first), p.offset + std::size_t(last - p.first), shared});
+    all.push_back({p.index(first), p.index(last), shared});
   }
   return all;
 }

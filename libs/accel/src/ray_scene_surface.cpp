@@ -19,7 +19,7 @@ RayScene::Impl::Triangle RayScene::Impl::knot_triangle(const PlacedShape& p, std
   t.smooth = !mesh.normals.empty();
   const bool in_memory = knot >= p.first_knot && knot - p.first_knot < p.knots.size();
   for (int c = 0; c < 3; ++c) {
-    const std::uint32_t v = mesh.indices[3 * std::size_t(primitive) + std::size_t(c)];
+    const std::uint32_t v = mesh.corners(primitive)[c];
     if (in_memory) {
       const KnotVertices& k = p.knots[knot - p.first_knot];
       t.p[c] = k.positions[v];
@@ -48,7 +48,7 @@ RayScene::Impl::Triangle RayScene::Impl::blended_triangle(const PlacedShape& p, 
 TEMPERA_INLINE RayScene::Impl::Triangle RayScene::Impl::triangle(const PlacedShape& p, std::uint32_t primitive,
                                                                  double time) const {
   if (p.placement == Placement::kDeforming) return blended_triangle(p, primitive, time);
-  const std::uint32_t* v = &p.mesh->indices[3 * std::size_t(primitive)];
+  const std::uint32_t* v = p.mesh->corners(primitive);
   const KnotVertices& k = p.knots[0];
   if (!k.normals) return {{k.positions[v[0]], k.positions[v[1]], k.positions[v[2]]}, {}, false};
   return {{k.positions[v[0]], k.positions[v[1]], k.positions[v[2]]},
@@ -107,7 +107,7 @@ ShadingPoint RayScene::shading_point(const SurfacePoint& point, double t, const 
     const float b0 = 1 - point.u - point.v, b1 = point.u, b2 = point.v;
     r.p = tri.p[0] * b0 + tri.p[1] * b1 + tri.p[2] * b2;
     r.ng = normalize(cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]) * (s.mirrored(placed, t) ? -1.0f : 1.0f));
-    const std::uint32_t* v = &mesh.indices[3 * std::size_t(point.primitive)];
+    const std::uint32_t* v = mesh.corners(point.primitive);
     const auto interpolated = [&](const auto& values) {
       return values[v[0]] * b0 + values[v[1]] * b1 + values[v[2]] * b2;
     };
@@ -194,7 +194,7 @@ SurfaceDerivatives RayScene::derivatives(const SurfacePoint& point, double t) co
     const Impl::Triangle tri = s.triangle(placed, point.primitive, t);
     n = cross(tri.p[1] - tri.p[0], tri.p[2] - tri.p[0]) * (s.mirrored(placed, t) ? -1.0f : 1.0f);
     Vec2f uv[3];
-    corner_uvs(*placed.mesh, &placed.mesh->indices[3 * std::size_t(point.primitive)], uv);
+    corner_uvs(*placed.mesh, placed.mesh->corners(point.primitive), uv);
     const UvGradient g(uv);
     if (g.usable) {
       r.dpdu = g.du(tri.p), r.dpdv = g.dv(tri.p);

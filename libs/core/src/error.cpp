@@ -93,7 +93,7 @@ std::string format_with_excerpt(const Error& error) {
   const bool printable = std::all_of(line.begin(), line.end(), [](unsigned char c) { return c >= 32 || c == '\t'; });
   if (!in || line.empty() || line.size() > 200 || !printable) return out;
   out += "\n  " + line;
-  if (loc.column > 0) out += "\n  " + std::string(std::size_t(loc.column - 1), ' ') + "^";
+  if (loc.column > 0) out += "\n  " + std::string(loc.column - 1, ' ') + "^";
   return out;
 }
 
@@ -101,13 +101,13 @@ SourceLoc locate(const std::string& file, std::string_view text, std::size_t off
   offset = std::min(offset, text.size());
   const auto before = text.substr(0, offset);
   const auto newline = before.rfind('\n');
-  return {file, int(std::count(before.begin(), before.end(), '\n')) + 1,
-          int(offset - (newline == std::string_view::npos ? 0 : newline + 1)) + 1};
+  const std::size_t line_begin = newline == std::string_view::npos ? 0 : newline + 1;
+  return {file, int(std::count(before.begin(), before.end(), '\n')) + 1, int(offset - line_begin) + 1};
 }
 
 static std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t(0));
+  std::iota(row.begin(), row.end(), 0);
   for (std::size_t i = 1; i <= a.size(); ++i) {
     std::size_t diagonal = row[0];
     row[0] = i;

@@ -43,7 +43,7 @@ class ForkJoin {
 
 void with_threads(int threads, const std::function<void()>& body) {
   const int n = threads > 0 ? threads : tbb::info::default_concurrency();
-  const tbb::global_control allow(tbb::global_control::max_allowed_parallelism, std::size_t(n));
+  const tbb::global_control allow(tbb::global_control::max_allowed_parallelism, n);
   tbb::task_arena arena(n);
   ForkJoin order;
   arena.execute([&] {
@@ -58,13 +58,18 @@ void parallel_for(std::int64_t begin, std::int64_t end, const std::function<void
                   std::int64_t grain) {
   ForkJoin order;
   tbb::parallel_for(
-      tbb::blocked_range<std::int64_t>(begin, end, std::size_t(grain)),
+      tbb::blocked_range<std::int64_t>(begin, end, grain),
       [&](const tbb::blocked_range<std::int64_t>& r) {
         const FlushDenormals flush;
         const ForkJoin::Task task(order);
         for (std::int64_t i = r.begin(); i != r.end(); ++i) body(i);
       },
       tbb::simple_partitioner());
+}
+
+void parallel_rows(int begin, int end, const std::function<void(int)>& body, std::int64_t grain) {
+  parallel_for(
+      begin, end, [&](std::int64_t y) { body(int(y)); }, grain);
 }
 
 #if defined(__SSE__)

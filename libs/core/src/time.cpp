@@ -113,7 +113,7 @@ static int parse_int(std::string_view& s, std::string_view whole) {
     throw Error(ErrorCode::kUsage,
                 fmt::format("cannot read frames \"{}\"; write for example 1-24, 1..24, 1-100x2 or 1,5,10-20", whole));
   }
-  s.remove_prefix(std::size_t(end - s.data()));
+  s.remove_prefix(end - s.data());
   while (!s.empty() && s.front() == ' ') s.remove_prefix(1);
   return v;
 }
@@ -143,7 +143,7 @@ std::vector<int> parse_frame_set(std::string_view text) {
       throw Error(ErrorCode::kUsage, fmt::format("\"{}\" names more than {} frames", text, kMaxFrames));
     }
     for (long f = first; f <= last; f += step) {
-      if (seen.insert(int(f)).second) frames.push_back(int(f));
+      if (const int frame = int(f); seen.insert(frame).second) frames.push_back(frame);
     }
     if (rest.empty()) return frames;
     if (rest.front() != ',') parse_int(rest = rest.substr(0, 0), text);  // reports the whole text
@@ -174,7 +174,7 @@ FramePlace place_at(std::string_view name, std::size_t i) {
     const std::size_t length = std::min(name.find_first_not_of(c, i), name.size()) - i;
     const bool apart = (i == 0 || name[i - 1] == '.') && (i + 1 == name.size() || name[i + 1] == '.');
     return c == '@' && length == 1 && !apart ? FramePlace{}
-                                             : FramePlace{i, length, int(std::min(length, std::size_t(20)))};
+                                             : FramePlace{i, length, int(std::min<std::size_t>(length, 20))};
   }
   if (c == '%') {
     const std::size_t digits = digits_at(name, i + 1);
@@ -184,7 +184,7 @@ FramePlace place_at(std::string_view name, std::size_t i) {
     }
   }
   if (c == '$' && name.substr(i).starts_with("$F")) {
-    const std::size_t digits = std::min(digits_at(name, i + 2), std::size_t(1));
+    const std::size_t digits = std::min<std::size_t>(digits_at(name, i + 2), 1);
     return place(2 + digits, name.substr(i + 2, digits));
   }
   if (c == '<') {

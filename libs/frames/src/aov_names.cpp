@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <map>
+#include <optional>
 #include <set>
 
 namespace tempera {
@@ -170,7 +171,7 @@ LayerSource from_blender(const BlenderPass& pass, const RawLayer& raw) {
     const auto named =
         std::find_if(raw.channels.begin(), raw.channels.end(), [&](auto& r) { return r.first == c.suffix; });
     const int from = named != raw.channels.end() ? named->second : raw.channels[i].second;
-    if (std::size_t(c.ours) < s.channels.size()) s.channels[c.ours] = {from, c.value};
+    if (c.ours < std::ssize(s.channels)) s.channels[c.ours] = {from, c.value};
   }
   return s;
 }
@@ -230,6 +231,167 @@ std::vector<AovChannel> blender_channels(const std::vector<LayerDesc>& layers, c
   }
   return out;
 }
+/// The layers of a file by the names of its channels, in the order of their first ones, each with its channels in their
+/// usual order.
+std::vector<RawLayer> raw_layers(const std::vector<std::string>& names) {
+  std::vector<RawLayer> raw;
+  const auto raw_layer = [&](const std::string& name) -> RawLayer& {
+    for (RawLayer& l : raw) {
+      if (l.name == name) return l;
+    }
+    return raw.emplace_back(RawLayer{name, {}, std::nullopt});
+  };
+  for (int i = 0; i < std::ssize(names); ++i) {
+    const std::string& name = names[i];
+    const auto dot = name.rfind('.');
+    if (dot != std::string::npos && dot > 0) {
+      raw_layer(name.substr(0, dot)).channels.push_back({name.substr(dot + 1), i});
+    } else if (is_plain_color(name)) {
+      raw_layer("").channels.push_back({name, i});
+    } else {
+      raw_layer(name).channels.push_back({"", i});
+    }
+  }
+  for (RawLayer& l : raw) {
+    l.known = layers::find(l.name.empty() ? "color" : l.name);
+    const auto rank = [&](const std::string& suffix) {
+      if (l.name.empty() && suffix == "Y") return -1;  // gray comes before its alpha
+      if (l.known) {                                   // a layer of ours keeps the order of the vocabulary
+        const auto& c = l.known->channels;
+        const auto it = std::find(c.begin(), c.end(), suffix);
+        if (it != c.end()) return int(it - c.begin());
+      }
+      return 100 + channel_rank(suffix);
+    };
+    std::stable_sort(l.channels.begin(), l.channels.end(), [&](const auto& a, const auto& b) {
+      const int ra = rank(a.first), rb = rank(b.first);
+      return ra != rb ? ra < rb : a.first < b.first;
+    });
+  }
+  return raw;
+}
+
+/// Our layers of what other programs call otherwise. What claims a layer or one of our names first keeps it.
+class Translation {
+ public:
+  explicit Translation(const std::vector<RawLayer>& raw) : raw_(raw) {
+    for (const RawLayer& l : raw) taken_.insert(l.name.empty() ? "color" : l.name);
+    claim_small_letters();
+    claim_passes();
+    claim_vectors();
+    claim_aliases();
+    claim_uv();
+  }
+  /// What a layer is translated to, which may be nothing; null if it is not.
+  const std::vector<LayerSource>* of(const RawLayer& l) const {
+    const auto it = translated_.find(&l);
+    return it == translated_.end() ? nullptr : &it->second;
+  }
+
+ private:
+  const RawLayer* by_name(const std::string& name) const {
+    for (const RawLayer& l : raw_) {
+      if (l.name == name) return &l;
+    }
+    return nullptr;
+  }
+  void claim(const RawLayer& l, LayerSource source) {
+    if (of(l) || !taken_.insert(source.desc.name).second) return;
+    translated_[&l].push_back(std::move(source));
+  }
+  void claim(const RawLayer& l, LayerDesc desc) { claim(l, foreign_layer(std::move(desc), l)); }
+
+  /// RenderMan writes our very names of these with small letters, which makes them neither known nor foreign.
+  void claim_small_letters() {
+    for (const RawLayer& l : raw_) {
+      if (l.known && std::none_of(l.channels.begin(), l.channels.end(), [&](const auto& c) {
+            return std::find(l.known->channels.begin(), l.known->channels.end(), c.first) != l.known->channels.end();
+          })) {
+        taken_.erase(l.name.empty() ? "color" : l.name);
+        claim(l, *l.known);
+      }
+    }
+  }
+
+  /// "<view layer>.<pass>"
+  void claim_passes() {
+    for (const RawLayer& l : raw_) {
+      if (l.known) continue;
+      const auto dot = l.name.rfind('.');
+      const std::string pass = dot == std::string::npos ? "" : l.name.substr(dot + 1);
+      if (pass.empty()) continue;
+      for (const BlenderPass& p : blender_passes()) {
+        if (pass == p.theirs) claim(l, from_blender(p, l));
+      }
+      if (is_crypto(pass)) claim(l, *layers::find(pass));
+      if (const auto d = find_underscored(pass)) claim(l, *d);
+    }
+  }
+
+  /// Blender's vectors, unless our own are there.
+  void claim_vectors() {
+    for (const RawLayer& l : raw_) {
+      if (!l.name.ends_with(".Vector") || l.channels.size() != 4) continue;
+      if (taken_.contains("motion.forward") || taken_.contains("motion.backward")) {
+        if (taken_.contains("motion.forward") && taken_.contains("motion.backward"))
+          translated_[&l];  // an alias of them
+        continue;
+      }
+      LayerSource backward{layers::motion_backward(), {{l.channels[0].second}, {l.channels[1].second, {-1}}}};
+      LayerSource forward{layers::motion_forward(), {{l.channels[2].second, {-1}}, {l.channels[3].second}}};
+      for (LayerSource* s : {&forward, &backward}) {
+        s->desc.channels = {"X", "Y"};
+        taken_.insert(s->desc.name);
+        translated_[&l].push_back(*s);
+      }
+    }
+  }
+
+  void claim_aliases() {
+    for (const auto* t : {&kPbrt, &kArnold, &kRenderman, &kReadOnly}) {
+      for (const Alias& a : *t) {
+        const RawLayer* l = by_name(a.theirs);
+        if (l && !l->known && l->channels.size() >= a.channels.size()) claim(*l, *layers::find(a.ours));
+      }
+    }
+    for (const RawLayer& l : raw_) {
+      if (l.name.starts_with("crypto_object") && is_crypto("CryptoObject" + l.name.substr(13))) {
+        claim(l, *layers::find("CryptoObject" + l.name.substr(13)));
+      }
+    }
+  }
+
+  void claim_uv() {
+    const RawLayer* u = by_name("u");
+    const RawLayer* v = by_name("v");
+    if (u && v && u->channels.size() == 1 && v->channels.size() == 1 && taken_.insert("uv").second) {
+      translated_[u].push_back({layers::uv(), {{u->channels[0].second}, {v->channels[0].second}}});
+      translated_[v];  // is in the one of u
+    }
+  }
+
+  const std::vector<RawLayer>& raw_;
+  std::set<std::string> taken_;  ///< names that layers of the file have already
+  std::map<const RawLayer*, std::vector<LayerSource>> translated_;
+};
+
+/// A layer under the name that it has in the file.
+LayerSource as_it_is(const RawLayer& l) {
+  LayerSource s;
+  if (l.known) {
+    s.desc = *l.known;
+    s.desc.channels.clear();
+  } else {
+    s.desc.name = l.name;
+    s.desc.combine = l.name.find("rypto") == std::string::npos ? Combine::kMean : Combine::kId;
+  }
+  for (const auto& [suffix, index] : l.channels) {
+    s.desc.channels.push_back(suffix);
+    s.channels.push_back({index});
+  }
+  return s;
+}
+
 }  // namespace
 
 std::vector<AovChannel> aov_channels(const std::vector<LayerDesc>& layers, AovNames names,
@@ -280,130 +442,15 @@ std::string describe_aov_names(const std::vector<LayerDesc>& layers, AovNames na
 }
 
 std::vector<LayerSource> layers_of_channels(const std::vector<std::string>& names, bool translate) {
-  std::vector<RawLayer> raw;
-  const auto raw_layer = [&](const std::string& name) -> RawLayer& {
-    for (RawLayer& l : raw) {
-      if (l.name == name) return l;
-    }
-    return raw.emplace_back(RawLayer{name, {}, std::nullopt});
-  };
-  for (int i = 0; i < int(names.size()); ++i) {
-    const std::string& name = names[i];
-    const auto dot = name.rfind('.');
-    if (dot != std::string::npos && dot > 0) {
-      raw_layer(name.substr(0, dot)).channels.push_back({name.substr(dot + 1), i});
-    } else if (is_plain_color(name)) {
-      raw_layer("").channels.push_back({name, i});
-    } else {
-      raw_layer(name).channels.push_back({"", i});
-    }
-  }
-  for (RawLayer& l : raw) {
-    l.known = layers::find(l.name.empty() ? "color" : l.name);
-    const auto rank = [&](const std::string& suffix) {
-      if (l.name.empty() && suffix == "Y") return -1;  // gray comes before its alpha
-      if (l.known) {                                   // a layer of ours keeps the order of the vocabulary
-        const auto& c = l.known->channels;
-        const auto it = std::find(c.begin(), c.end(), suffix);
-        if (it != c.end()) return int(it - c.begin());
-      }
-      return 100 + channel_rank(suffix);
-    };
-    std::stable_sort(l.channels.begin(), l.channels.end(), [&](const auto& a, const auto& b) {
-      const int ra = rank(a.first), rb = rank(b.first);
-      return ra != rb ? ra < rb : a.first < b.first;
-    });
-  }
-
+  const std::vector<RawLayer> raw = raw_layers(names);
+  std::optional<Translation> translation;
+  if (translate) translation.emplace(raw);
   std::vector<LayerSource> out;
-  std::set<std::string> taken;  // names that layers of the file have already
-  for (const RawLayer& l : raw) taken.insert(l.name.empty() ? "color" : l.name);
-  std::set<const RawLayer*> done;
-  std::map<const RawLayer*, std::vector<LayerSource>> translated;
-  const auto claim_source = [&](const RawLayer& l, LayerSource source) {
-    if (done.contains(&l) || !taken.insert(source.desc.name).second) return;
-    done.insert(&l);
-    translated[&l].push_back(std::move(source));
-  };
-  const auto claim = [&](const RawLayer& l, LayerDesc desc) { claim_source(l, foreign_layer(std::move(desc), l)); };
-  if (translate) {
-    const auto by_name = [&](const std::string& name) -> const RawLayer* {
-      for (const RawLayer& l : raw) {
-        if (l.name == name) return &l;
-      }
-      return nullptr;
-    };
-    // RenderMan writes our very names of these with small letters, which makes them neither known nor foreign.
-    for (const RawLayer& l : raw) {
-      if (l.known && std::none_of(l.channels.begin(), l.channels.end(), [&](const auto& c) {
-            return std::find(l.known->channels.begin(), l.known->channels.end(), c.first) != l.known->channels.end();
-          })) {
-        taken.erase(l.name.empty() ? "color" : l.name);
-        claim(l, *l.known);
-      }
-    }
-    for (const RawLayer& l : raw) {
-      if (l.known) continue;
-      const auto dot = l.name.rfind('.');
-      const std::string pass = dot == std::string::npos ? "" : l.name.substr(dot + 1);
-      if (pass.empty()) continue;
-      for (const BlenderPass& p : blender_passes()) {
-        if (pass == p.theirs) claim_source(l, from_blender(p, l));
-      }
-      if (is_crypto(pass)) claim(l, *layers::find(pass));
-      if (const auto d = find_underscored(pass)) claim(l, *d);
-    }
-    for (const RawLayer& l : raw) {  // Blender's vectors, unless our own are there
-      if (!l.name.ends_with(".Vector") || l.channels.size() != 4) continue;
-      if (taken.contains("motion.forward") || taken.contains("motion.backward")) {
-        if (taken.contains("motion.forward") && taken.contains("motion.backward")) done.insert(&l);  // an alias of them
-        continue;
-      }
-      LayerSource backward{layers::motion_backward(), {{l.channels[0].second}, {l.channels[1].second, {-1}}}};
-      LayerSource forward{layers::motion_forward(), {{l.channels[2].second, {-1}}, {l.channels[3].second}}};
-      for (LayerSource* s : {&forward, &backward}) {
-        s->desc.channels = {"X", "Y"};
-        taken.insert(s->desc.name);
-        translated[&l].push_back(*s);
-      }
-      done.insert(&l);
-    }
-    for (const auto* t : {&kPbrt, &kArnold, &kRenderman, &kReadOnly}) {
-      for (const Alias& a : *t) {
-        const RawLayer* l = by_name(a.theirs);
-        if (l && !l->known && l->channels.size() >= a.channels.size()) claim(*l, *layers::find(a.ours));
-      }
-    }
-    for (const RawLayer& l : raw) {
-      if (l.name.starts_with("crypto_object") && is_crypto("CryptoObject" + l.name.substr(13))) {
-        claim(l, *layers::find("CryptoObject" + l.name.substr(13)));
-      }
-    }
-    const RawLayer* u = by_name("u");
-    const RawLayer* v = by_name("v");
-    if (u && v && u->channels.size() == 1 && v->channels.size() == 1 && taken.insert("uv").second) {
-      translated[u].push_back({layers::uv(), {{u->channels[0].second}, {v->channels[0].second}}});
-      done.insert(u), done.insert(v);
-    }
-  }
   for (const RawLayer& l : raw) {
-    if (done.contains(&l)) {
-      for (LayerSource& s : translated[&l]) out.push_back(std::move(s));
-      continue;
-    }
-    LayerSource s;
-    if (l.known) {
-      s.desc = *l.known;
-      s.desc.channels.clear();
-    } else {
-      s.desc.name = l.name;
-      s.desc.combine = l.name.find("rypto") == std::string::npos ? Combine::kMean : Combine::kId;
-    }
-    for (const auto& [suffix, index] : l.channels) {
-      s.desc.channels.push_back(suffix);
-      s.channels.push_back({index});
-    }
-    out.push_back(std::move(s));
+    if (const auto* translated = translation ? translation->of(l) : nullptr)
+      out.insert(out.end(), translated->begin(), translated->end());
+    else
+      out.push_back(as_it_is(l));
   }
   return out;
 }

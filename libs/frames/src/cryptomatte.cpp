@@ -18,7 +18,7 @@ std::uint32_t murmur_hash3_32(std::string_view bytes, std::uint32_t seed) {
   std::size_t i = 0;
   for (; i + 4 <= bytes.size(); i += 4) {
     std::uint32_t k = 0;  // little endian, whatever the machine
-    for (int b = 3; b >= 0; --b) k = k << 8 | static_cast<unsigned char>(bytes[i + std::size_t(b)]);
+    for (int b = 3; b >= 0; --b) k = k << 8 | static_cast<unsigned char>(bytes[i + b]);
     h = std::rotl(h ^ scramble(k), 13) * 5 + 0xe6546b64u;
   }
   std::uint32_t tail = 0;
@@ -55,13 +55,10 @@ void CryptomatteBuffer::add(Pixel& pixel, float id, float weight) {
   pixel.ids.push_back({id, weight});
 }
 
-void CryptomatteBuffer::add(int x, int y, float id, float weight) {
-  TEMPERA_ASSERT(x >= 0 && y >= 0 && x < width_ && y < height_);
-  add(pixels_[std::size_t(y) * std::size_t(width_) + std::size_t(x)], id, weight);
-}
+void CryptomatteBuffer::add(int x, int y, float id, float weight) { add(pixels_.at(x, y), id, weight); }
 
 void CryptomatteBuffer::merge(const CryptomatteBuffer& other) {
-  TEMPERA_ASSERT(other.width_ == width_ && other.height_ == height_);
+  TEMPERA_ASSERT(other.width() == width() && other.height() == height());
   for (std::size_t i = 0; i < pixels_.size(); ++i) {
     float rest = other.pixels_[i].total;
     for (const auto& [id, weight] : other.pixels_[i].ids) {
@@ -89,11 +86,11 @@ void CryptomatteBuffer::load(ByteReader& in) {
 void CryptomatteBuffer::write(Frame& frame, const std::vector<std::string>& names, const std::string& layer_name,
                               int depth) const {
   const int layer_count = (std::max(depth, 1) + 1) / 2;
-  std::vector<Image> images(std::size_t(layer_count), Image(width_, height_, 4));
+  std::vector<Image> images(layer_count, Image(width(), height(), 4));
   std::vector<std::pair<float, float>> ranked;
-  for (int y = 0; y < height_; ++y) {
-    for (int x = 0; x < width_; ++x) {
-      const Pixel& p = pixels_[std::size_t(y) * std::size_t(width_) + std::size_t(x)];
+  for (int y = 0; y < height(); ++y) {
+    for (int x = 0; x < width(); ++x) {
+      const Pixel& p = pixels_.at(x, y);
       if (!(p.total > 0)) continue;
       ranked.clear();
       for (const auto& [id, weight] : p.ids) {
@@ -103,10 +100,10 @@ void CryptomatteBuffer::write(Frame& frame, const std::vector<std::string>& name
         return a.second != b.second ? a.second > b.second
                                     : std::bit_cast<std::uint32_t>(a.first) < std::bit_cast<std::uint32_t>(b.first);
       });
-      const std::size_t n = std::min(ranked.size(), std::size_t(std::max(depth, 1)));
-      for (std::size_t r = 0; r < n; ++r) {
-        images[r / 2].at(x, y, int(r % 2) * 2) = ranked[r].first;
-        images[r / 2].at(x, y, int(r % 2) * 2 + 1) = ranked[r].second;
+      const int n = std::min(int(ranked.size()), std::max(depth, 1));
+      for (int r = 0; r < n; ++r) {
+        images[r / 2].at(x, y, r % 2 * 2) = ranked[r].first;
+        images[r / 2].at(x, y, r % 2 * 2 + 1) = ranked[r].second;
       }
     }
   }

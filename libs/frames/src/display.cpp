@@ -49,13 +49,14 @@ Rgb tone_map(const Rgb& color, const DisplayOptions& options) {
 }
 
 std::vector<std::uint8_t> to_rgb8(const Image& image, const DisplayOptions& options) {
-  std::vector<std::uint8_t> out(std::size_t(image.pixels()) * 3);
-  parallel_for(
+  const std::size_t row_values = 3 * image.width();
+  std::vector<std::uint8_t> out(row_values * image.height());
+  parallel_rows(
       0, image.height(),
-      [&](std::int64_t y) {
-        std::uint8_t* to = out.data() + std::size_t(y) * std::size_t(image.width()) * 3;
+      [&](int y) {
+        std::uint8_t* to = out.data() + row_values * y;
         for (int x = 0; x < image.width(); ++x) {
-          const Rgb c = tone_map(image.rgb(x, int(y)), options);
+          const Rgb c = tone_map(image.rgb(x, y), options);
           for (int i = 0; i < 3; ++i) *to++ = std::uint8_t(c[i] * 255.0f + 0.5f);
         }
       },
@@ -105,16 +106,16 @@ Image resized(const Image& image, int width, int height) {
   };
   const auto columns = spans(image.width(), width), rows = spans(image.height(), height);
   Image out(width, height, image.channels());
-  parallel_for(
+  parallel_rows(
       0, height,
-      [&](std::int64_t y) {
+      [&](int y) {
         const Span& r = rows[y];
         for (int x = 0; x < width; ++x) {
           const Span& c = columns[x];
-          float* to = out.pixel(x, int(y));
-          for (std::size_t j = 0; j < r.weights.size(); ++j) {
-            for (std::size_t i = 0; i < c.weights.size(); ++i) {
-              const float* from = image.pixel(c.first + int(i), r.first + int(j));
+          float* to = out.pixel(x, y);
+          for (int j = 0; j < std::ssize(r.weights); ++j) {
+            for (int i = 0; i < std::ssize(c.weights); ++i) {
+              const float* from = image.pixel(c.first + i, r.first + j);
               for (int k = 0; k < image.channels(); ++k) to[k] += r.weights[j] * c.weights[i] * from[k];
             }
           }

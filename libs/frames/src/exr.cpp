@@ -238,17 +238,17 @@ void write_frame(const std::string& path, const Frame& frame, const WriteOptions
   };
   if (!out) throw fail(OIIO::geterror());
   if (!out->open("frame.exr", spec)) throw fail(out->geterror());
-  std::vector<std::byte> strip(pixel_bytes * std::size_t(frame.width()) *
-                               std::size_t(std::min(kStrip, frame.height())));
+  const std::size_t row_bytes = pixel_bytes * frame.width();
+  std::vector<std::byte> strip(row_bytes * std::min(kStrip, frame.height()));
   for (int y0 = 0; y0 < frame.height(); y0 += kStrip) {
     const int y1 = std::min(y0 + kStrip, frame.height());
-    parallel_for(
+    parallel_rows(
         y0, y1,
-        [&](std::int64_t y) {
-          std::byte* to = strip.data() + pixel_bytes * std::size_t(frame.width()) * std::size_t(y - y0);
+        [&](int y) {
+          std::byte* to = strip.data() + row_bytes * (y - y0);
           for (int x = 0; x < frame.width(); ++x) {
             for (const Column& c : columns) {
-              const float v = c.value.to_theirs(c.image->at(x, int(y), c.channel));
+              const float v = c.value.to_theirs(c.image->at(x, y, c.channel));
               if (c.half) {
                 const half h(std::clamp(v, -kHalfMax, kHalfMax));
                 std::memcpy(to, &h, 2);
@@ -509,19 +509,19 @@ struct Target {
 
 void unpack(const OpenFile& f, const OIIO::ImageSpec& spec, const std::vector<Target>& targets, const std::byte* data,
             int y0, int y1) {
-  const std::size_t pixel_bytes = spec.pixel_bytes(true), row_bytes = pixel_bytes * std::size_t(spec.width);
+  const std::size_t pixel_bytes = spec.pixel_bytes(true), row_bytes = pixel_bytes * spec.width;
   const int xa = std::max(spec.x, f.x), xb = std::min(spec.x + spec.width, f.x + f.header.width);
   const int ya = std::max(y0, f.y), yb = std::min(y1, f.y + f.header.height);
   if (xa >= xb || ya >= yb) return;
-  parallel_for(
+  parallel_rows(
       ya, yb,
-      [&](std::int64_t y) {
-        const std::byte* row = data + row_bytes * std::size_t(y - y0);
+      [&](int y) {
+        const std::byte* row = data + row_bytes * (y - y0);
         for (const Target& t : targets) {
-          const std::byte* from = row + pixel_bytes * std::size_t(xa - spec.x) + t.offset;
+          const std::byte* from = row + pixel_bytes * (xa - spec.x) + t.offset;
           for (int x = xa; x < xb; ++x, from += pixel_bytes) {
             const float v = to_float(from, t.format);
-            t.image->at(x - f.x, int(y) - f.y, t.channel) = t.srgb ? srgb_to_linear(v) : t.value.to_ours(v);
+            t.image->at(x - f.x, y - f.y, t.channel) = t.srgb ? srgb_to_linear(v) : t.value.to_ours(v);
           }
         }
       },
@@ -537,21 +537,21 @@ Frame read_frame(const std::string& path, const ReadOptions& options) {
   try {
     for (const LayerSource& l : f.layers) {
       Image& image = frame.create(l.desc);
-      for (std::size_t c = 0; c < l.channels.size(); ++c) {
+      for (int c = 0; c < std::ssize(l.channels); ++c) {
         const FileChannel& from = f.channels[l.channels[c].channel];
         const OIIO::ImageSpec& spec = f.parts[from.part];
         std::size_t offset = 0;
         for (int i = 0; i < from.index; ++i) offset += channel_format(spec, i).size();
-        targets[from.part].push_back({&image, int(c), offset, channel_format(spec, from.index), l.channels[c].value,
-                                      f.srgb && from.name != "A"});
+        targets[from.part].push_back(
+            {&image, c, offset, channel_format(spec, from.index), l.channels[c].value, f.srgb && from.name != "A"});
       }
     }
     for (const auto& [part, list] : targets) {
       const OIIO::ImageSpec& spec = f.parts[part];
-      const std::size_t row_bytes = spec.pixel_bytes(true) * std::size_t(spec.width);
+      const std::size_t row_bytes = spec.pixel_bytes(true) * spec.width;
       const bool whole = spec.tile_width > 0;  // tiles do not come in strips
       const int step = whole ? spec.height : kStrip;
-      std::vector<std::byte> data(row_bytes * std::size_t(std::min(step, spec.height)));
+      std::vector<std::byte> data(row_bytes * std::min(step, spec.height));
       for (int y0 = spec.y; y0 < spec.y + spec.height; y0 += step) {
         const int y1 = std::min(y0 + step, spec.y + spec.height);
         const bool ok = whole ? f.input->read_image(part, 0, 0, spec.nchannels, OIIO::TypeDesc::UNKNOWN, data.data())

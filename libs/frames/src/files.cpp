@@ -82,12 +82,12 @@ void write_file(const std::string& path, std::span<const std::byte> bytes) {
     const ssize_t n = ::write(file.fd_, bytes.data() + done, std::min<std::size_t>(bytes.size() - done, 1u << 24));
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) fail("write", path, n < 0 ? errno : ENOSPC);
-    done += std::size_t(n);
+    done += n;
   }
   // Some network file systems report a lost write only here.
   struct stat info {};
   if (::fsync(file.fd_) != 0 || ::fstat(file.fd_, &info) != 0) fail("write", path, errno);
-  if (std::size_t(info.st_size) != bytes.size()) fail("write", path, EIO);
+  if (info.st_size != std::ssize(bytes)) fail("write", path, EIO);
   file.synced_ = true;
   file.commit();
 }
@@ -110,7 +110,7 @@ std::string read_file(const std::string& path) {
       throw Error(ErrorCode::kFailed, fmt::format("cannot read {}: {}", path, std::strerror(reason)));
     }
     if (n == 0) break;
-    text.append(buffer, std::size_t(n));
+    text.append(buffer, n);
   }
   ::close(fd);
   return text;

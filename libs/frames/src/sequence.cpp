@@ -142,8 +142,8 @@ std::vector<int> existing_frames(const std::string& pattern) {
   // What stands around the number: paths of two frames differ first in the number's last digit, and those of 1 and -1
   // in its first place.
   const std::string one = frame_path(pattern, 1), two = frame_path(pattern, 2), minus = frame_path(pattern, -1);
-  const auto last = std::size_t(std::mismatch(one.begin(), one.end(), two.begin(), two.end()).first - one.begin());
-  const auto first = std::size_t(std::mismatch(one.begin(), one.end(), minus.begin(), minus.end()).first - one.begin());
+  const std::size_t last = std::mismatch(one.begin(), one.end(), two.begin(), two.end()).first - one.begin();
+  const std::size_t first = std::mismatch(one.begin(), one.end(), minus.begin(), minus.end()).first - one.begin();
   const fs::path directory = fs::path(one).parent_path();
   const std::size_t name_begin = one.size() - fs::path(one).filename().string().size();
   const std::string prefix = one.substr(name_begin, first - name_begin), suffix = one.substr(last + 1);

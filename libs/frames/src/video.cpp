@@ -129,7 +129,7 @@ struct VideoWriter::Impl {
   std::string complaint() const {
     std::string text(4096, '\0');
     const ssize_t n = ::pread(errors.get(), text.data(), text.size(), 0);
-    text.resize(n > 0 ? std::size_t(n) : 0);
+    text.resize(std::max<ssize_t>(n, 0));
     for (char& c : text) c = c == '\n' ? ' ' : c;
     while (!text.empty() && text.back() == ' ') text.pop_back();
     return text.empty() ? "it gave no reason" : text;
@@ -236,10 +236,10 @@ void VideoWriter::add(const Image& image) {
                                                   v.path, image.width(), image.height(), v.width, v.height));
   }
   const std::vector<std::uint8_t> pixels = to_rgb8(image, v.display);
-  const std::size_t row = std::size_t(v.width) * 3, padded_row = row + (v.width % 2 ? 3 : 0);
+  const std::size_t row = 3 * v.width, padded_row = row + (v.width % 2 ? 3 : 0);
   v.padded.clear();
   for (int y = 0; y < v.height + v.height % 2; ++y) {
-    const std::uint8_t* from = pixels.data() + row * std::size_t(std::min(y, v.height - 1));
+    const std::uint8_t* from = pixels.data() + row * std::min(y, v.height - 1);
     v.padded.insert(v.padded.end(), from, from + row);
     if (padded_row > row) v.padded.insert(v.padded.end(), from + row - 3, from + row);
   }
@@ -247,7 +247,7 @@ void VideoWriter::add(const Image& image) {
     const ssize_t n = ::send(v.input.get(), v.padded.data() + done, v.padded.size() - done, MSG_NOSIGNAL);
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) v.fail();
-    done += std::size_t(n);
+    done += n;
   }
 }
 
@@ -324,11 +324,11 @@ constexpr std::array<std::uint16_t, 11> kGlyphs{
 
 void draw_number(Image& image, int x0, int y0, int number, int scale) {
   const std::string text = std::to_string(number);
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const std::uint16_t glyph = kGlyphs[text[i] == '-' ? 10 : std::size_t(text[i] - '0')];
+  for (int i = 0; i < std::ssize(text); ++i) {
+    const std::uint16_t glyph = kGlyphs[text[i] == '-' ? 10 : text[i] - '0'];
     for (int y = 0; y < 5 * scale; ++y) {
       for (int x = 0; x < 3 * scale; ++x) {
-        const int px = x0 + int(i) * 4 * scale + x, py = y0 + y;
+        const int px = x0 + i * 4 * scale + x, py = y0 + y;
         if (px >= image.width() || py >= image.height()) continue;
         if (glyph >> (14 - (y / scale * 3 + x / scale)) & 1) image.set_rgb(px, py, Rgb(0.8f));
       }
@@ -342,8 +342,7 @@ void write_contact_sheet(const FrameSequence& frames, const std::string& path, c
   const auto& all = frames.frames();
   if (all.empty()) throw Error(ErrorCode::kMissingFile, fmt::format("no frames for {}", path));
   const int n = std::min(int(all.size()), std::max(1, options.max_frames));
-  for (int i = 0; i < n; ++i)
-    chosen.push_back(all[n == 1 ? 0 : std::size_t(i) * (all.size() - 1) / std::size_t(n - 1)]);
+  for (int i = 0; i < n; ++i) chosen.push_back(all[n == 1 ? 0 : i * (all.size() - 1) / (n - 1)]);
 
   ReadOptions read;
   read.layers = {options.layer};

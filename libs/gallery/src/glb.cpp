@@ -57,14 +57,14 @@ struct Glb::Data {
                bool bounds = false) {
     Json a{{"bufferView", view(values.data(), values.size_bytes(), target)},
            {"componentType", component_type},
-           {"count", values.size() * sizeof(T) / (std::size_t(components) * (component_type == kUint16 ? 2 : 4))},
+           {"count", values.size() * sizeof(T) / (components * (component_type == kUint16 ? 2 : 4))},
            {"type", type}};
     if (bounds) {
       const auto* p = reinterpret_cast<const float*>(values.data());
       const std::size_t n = values.size() * sizeof(T) / sizeof(float);
       std::vector<float> lo(p, p + components), hi = lo;
       for (std::size_t i = 0; i < n; ++i) {
-        float &l = lo[i % std::size_t(components)], &h = hi[i % std::size_t(components)];
+        float &l = lo[i % components], &h = hi[i % components];
         l = std::min(l, p[i]), h = std::max(h, p[i]);
       }
       a["min"] = lo, a["max"] = hi;

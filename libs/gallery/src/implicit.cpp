@@ -13,14 +13,12 @@ Polygons polygonize(const Distance& d, const Vec3d& lo, const Vec3d& hi, double 
   const auto count = [&](double a, double b) { return int(std::ceil((b - a) / cell)) + 3; };
   const int nx = count(lo.x, hi.x), ny = count(lo.y, hi.y), nz = count(lo.z, hi.z);
   const Vec3d origin = lo - Vec3d{cell, cell, cell};
-  const auto corner = [&](int i, int j, int k) {
-    return (std::size_t(k) * std::size_t(ny) + std::size_t(j)) * std::size_t(nx) + std::size_t(i);
-  };
+  const auto corner = [&](int i, int j, int k) { return (std::size_t(k) * ny + j) * nx + i; };
   const auto place = [&](int i, int j, int k) { return origin + Vec3d{i * cell, j * cell, k * cell}; };
-  std::vector<float> value(std::size_t(nx) * std::size_t(ny) * std::size_t(nz));
-  parallel_for(0, nz, [&](std::int64_t k) {
+  std::vector<float> value(corner(0, 0, nz));
+  parallel_rows(0, nz, [&](int k) {
     for (int j = 0; j < ny; ++j)
-      for (int i = 0; i < nx; ++i) value[corner(i, j, int(k))] = float(d(place(i, j, int(k))));
+      for (int i = 0; i < nx; ++i) value[corner(i, j, k)] = float(d(place(i, j, k)));
   });
 
   const double h = cell * 1e-3;

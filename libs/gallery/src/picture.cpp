@@ -20,9 +20,9 @@
 namespace tempera::gallery {
 
 Picture paint(int width, int height, const std::function<Rgb(double u, double v)>& color) {
-  Picture p{width, height, std::vector<Rgb>(std::size_t(width) * std::size_t(height))};
-  parallel_for(0, height, [&](std::int64_t y) {
-    for (int x = 0; x < width; ++x) p.at(x, int(y)) = color((x + 0.5) / width, (double(y) + 0.5) / height);
+  Picture p(width, height);
+  parallel_rows(0, height, [&](int y) {
+    for (int x = 0; x < width; ++x) p.at(x, y) = color((x + 0.5) / width, (double(y) + 0.5) / height);
   });
   return p;
 }
@@ -59,28 +59,27 @@ std::string encode(const char* name, const OIIO::ImageSpec& spec, OIIO::TypeDesc
 }  // namespace
 
 std::string encode_png(const Picture& picture, bool srgb) {
-  const bool gray =
-      std::all_of(picture.pixels.begin(), picture.pixels.end(), [](const Rgb& c) { return c.r == c.g && c.g == c.b; });
+  const bool gray = std::all_of(picture.begin(), picture.end(), [](const Rgb& c) { return c.r == c.g && c.g == c.b; });
   const int channels = gray ? 1 : 3;
   std::vector<std::uint8_t> values;
-  values.reserve(picture.pixels.size() * std::size_t(channels));
-  for (const Rgb& c : picture.pixels) {
+  values.reserve(picture.size() * channels);
+  for (const Rgb& c : picture) {
     for (int i = 0; i < channels; ++i) {
       const float v = std::clamp(c[i], 0.0f, 1.0f);
       values.push_back(std::uint8_t((srgb ? linear_to_srgb(v) : v) * 255 + 0.5f));
     }
   }
-  OIIO::ImageSpec spec(picture.width, picture.height, channels, OIIO::TypeDesc::UINT8);
+  OIIO::ImageSpec spec(picture.width(), picture.height(), channels, OIIO::TypeDesc::UINT8);
   spec.attribute("oiio:ColorSpace", srgb ? "sRGB" : "Linear");
   return encode("texture.png", spec, OIIO::TypeDesc::UINT8, values.data());
 }
 
 std::string encode_exr(const Picture& picture) {
-  OIIO::ImageSpec spec(picture.width, picture.height, 3, OIIO::TypeDesc::HALF);
+  OIIO::ImageSpec spec(picture.width(), picture.height(), 3, OIIO::TypeDesc::HALF);
   spec.attribute("compression", "zip");
   spec.attribute("DateTime", "2000:01:01 00:00:00");  // else the time of writing
   static_assert(sizeof(Rgb) == 3 * sizeof(float));
-  return encode("environment.exr", spec, OIIO::TypeDesc::FLOAT, picture.pixels.data());
+  return encode("environment.exr", spec, OIIO::TypeDesc::FLOAT, picture.data());
 }
 
 namespace {
@@ -176,7 +175,7 @@ constexpr Letter kLetters[] = {
 double text_coverage(std::string_view text, double x, double y) {
   const int row = int(std::floor(y)), dot = int(std::floor(x));
   if (row < 0 || row >= 7 || dot < 0) return 0;
-  const std::size_t index = std::size_t(dot / 6);
+  const std::size_t index = dot / 6;
   const int column = dot % 6;
   if (index >= text.size() || column == 5) return 0;
   const auto letter =

@@ -139,8 +139,8 @@ Polygons lathe(std::span<const Vec2d> profile, int segments, double crease) {
   std::vector<Vec2d> side;  // normal of each piece of the profile
   std::vector<double> arc{0};
   for (int k = 0; k + 1 < n; ++k) {
-    side.push_back(normal_of(profile[k], profile[std::size_t(k) + 1]));
-    arc.push_back(arc.back() + length(profile[std::size_t(k) + 1] - profile[k]));
+    side.push_back(normal_of(profile[k], profile[k + 1]));
+    arc.push_back(arc.back() + length(profile[k + 1] - profile[k]));
   }
   const bool closed = length(profile.front() - profile.back()) < 1e-9;
   const auto ring = [&](int k, int piece) -> Ring {  // the ring of point k as a corner of `piece`
@@ -260,9 +260,7 @@ Polygons tube(std::span<const Vec3d> path, std::span<const double> radii, int si
       out.vertex(r.center + outward * r.radius, outward + r.axis * r.slope, {double(s) / sides, 1 - r.v});
     }
   }
-  const auto index = [&](std::size_t ring, int s) {
-    return std::uint32_t(ring * std::size_t(sides + 1) + std::size_t(s));
-  };
+  const auto index = [&](std::size_t ring, int s) { return std::uint32_t(ring * (sides + 1) + s); };
   for (std::size_t k = 0; k + 1 < rings.size(); ++k) {
     for (int s = 0; s < sides; ++s) {
       if (rings[k].radius > 0) out.triangle(index(k, s), index(k, s + 1), index(k + 1, s + 1));

@@ -66,7 +66,7 @@ FileContents InputFiles::read(const std::filesystem::path& file, const SourceLoc
   in.read(bytes.get(), std::streamsize(size));
   if (std::uint64_t(in.gcount()) != size)
     throw Error(ErrorCode::kMissingFile, loc, fmt::format("cannot read all of \"{}\"", file.string()));
-  FileContents contents(std::move(bytes), std::size_t(size));
+  FileContents contents(std::move(bytes), size);
   const std::uint64_t h = hash_bytes(contents.view());
   const std::lock_guard lock(mutex_);
   hashes_[file.lexically_normal()] = h;
@@ -81,10 +81,10 @@ void InputFiles::note(const std::filesystem::path& file, const SourceLoc& loc) {
   }
   std::ifstream in(file, std::ios::binary);
   if (!in) throw Error(ErrorCode::kMissingFile, loc, fmt::format("cannot open \"{}\" for reading", file.string()));
-  std::string block(std::size_t(1) << 20, '\0');
+  std::string block(1 << 20, '\0');
   std::uint64_t h = hash_bytes({});
   while (in.read(block.data(), std::streamsize(block.size())), in.gcount() > 0)
-    h = hash_bytes(std::string_view(block).substr(0, std::size_t(in.gcount())), h);
+    h = hash_bytes(std::string_view(block).substr(0, in.gcount()), h);
   const std::lock_guard lock(mutex_);
   hashes_[file.lexically_normal()] = h;
 }

@@ -15,6 +15,7 @@
 
 #include "pixel_mean.h"
 #include "tempera/core/fast_math.h"
+#include "tempera/core/grid.h"
 
 namespace tempera {
 namespace {
@@ -121,17 +122,13 @@ enum Filtered { kY, kCx, kCz1, kCz2, kG, kDg, kDdg, kPlanes };
 
 class Planes {
  public:
-  Planes(int width, int height)
-      : width_(width), data_(std::size_t(width) * std::size_t(height) * kPlanes), height_(height) {}
-  float* row(int plane, int y) {
-    return data_.data() + (std::size_t(plane) * std::size_t(height_) + std::size_t(y)) * std::size_t(width_);
-  }
-  const float* row(int plane, int y) const { return const_cast<Planes*>(this)->row(plane, y); }
+  Planes(int width, int height) : height_(height), values_(width, height * kPlanes) {}
+  float* row(int plane, int y) { return values_.row(plane * height_ + y).data(); }
+  const float* row(int plane, int y) const { return values_.row(plane * height_ + y).data(); }
 
  private:
-  int width_;
-  std::vector<float> data_;
   int height_;
+  Grid<float> values_;
 };
 
 /// out[x] = sum over i of taps[i] * in[x + i - radius]; `in` points at the first of width + 2 * radius values.
@@ -149,13 +146,12 @@ using RowSource = std::function<void(int y, float* r, float* g, float* b)>;
 
 void filter_rows(const Filters& f, const RowSource& source, int width, int height, Planes& planes) {
   const int radius = int(f.y.size() / 2), feature_radius = int(f.g.size() / 2), pad = std::max(radius, feature_radius);
-  parallel_for(
+  parallel_rows(
       0, height,
-      [&](std::int64_t row_index) {
-        const int y = int(row_index);
-        const std::size_t stride = std::size_t(width + 2 * pad);
+      [&](int y) {
+        const int stride = width + 2 * pad;
         thread_local std::vector<float> buffer;
-        buffer.resize(stride * 3 + std::size_t(width) * 3);
+        buffer.resize(3 * (stride + width));
         float* py = buffer.data();
         float* pcx = py + stride;
         float* pcz = pcx + stride;
@@ -208,35 +204,31 @@ inline Lab clamped_lab(float y, float cx, float cz) {
 /// pictures, and stores them, so that equal pictures differ by exactly 0 whatever the compiler fuses.
 class Features {
  public:
-  void resize(int width, int height) {
-    width_ = width;
-    data_.resize(std::size_t(width) * std::size_t(height) * kCount);
-  }
+  void resize(int width, int height) { values_.resize(width, height * kCount); }
   /// Row `y` of `p` becomes row `to` of the features.
   void compute(const Filters& f, const Planes& p, int y, int height, int to) {
     float *l = row(kL, to), *a = row(kA, to), *b = row(kB, to), *edge = row(kEdge, to), *point = row(kPoint, to);
     thread_local std::vector<float> derivatives;
-    derivatives.assign(std::size_t(width_) * 2, 0.0f);
-    std::fill(l, l + width_ * kCount, 0.0f);
-    float *dy = derivatives.data(), *ddy = dy + width_;
-    filter_column(f.y, p, kY, y, width_, height, l);
-    filter_column(f.cx, p, kCx, y, width_, height, a);
-    filter_column(f.cz1, p, kCz1, y, width_, height, b);
-    filter_column(f.cz2, p, kCz2, y, width_, height, b);
-    filter_column(f.g, p, kDg, y, width_, height, edge);
-    filter_column(f.dg, p, kG, y, width_, height, dy);
-    filter_column(f.g, p, kDdg, y, width_, height, point);
-    filter_column(f.ddg, p, kG, y, width_, height, ddy);
-    finish(width_, l, a, b, edge, point, dy, ddy);
+    const int width = values_.width();
+    derivatives.assign(2 * width, 0.0f);
+    std::fill(l, l + width * kCount, 0.0f);
+    float *dy = derivatives.data(), *ddy = dy + width;
+    filter_column(f.y, p, kY, y, width, height, l);
+    filter_column(f.cx, p, kCx, y, width, height, a);
+    filter_column(f.cz1, p, kCz1, y, width, height, b);
+    filter_column(f.cz2, p, kCz2, y, width, height, b);
+    filter_column(f.g, p, kDg, y, width, height, edge);
+    filter_column(f.dg, p, kG, y, width, height, dy);
+    filter_column(f.g, p, kDdg, y, width, height, point);
+    filter_column(f.ddg, p, kG, y, width, height, ddy);
+    finish(width, l, a, b, edge, point, dy, ddy);
   }
   /// L, a, b, edge and point: `width` values each, one after the other.
-  const float* row(int y) const { return data_.data() + std::size_t(y) * std::size_t(width_) * kCount; }
+  const float* row(int y) const { return values_.row(y * kCount).data(); }
 
  private:
   enum { kL, kA, kB, kEdge, kPoint, kCount };
-  float* row(int plane, int y) {
-    return data_.data() + (std::size_t(y) * kCount + std::size_t(plane)) * std::size_t(width_);
-  }
+  float* row(int plane, int y) { return values_.row(y * kCount + plane).data(); }
   static void finish(int width, float* __restrict l, float* __restrict a, float* __restrict b, float* __restrict edge,
                      float* __restrict point, const float* __restrict dy, const float* __restrict ddy) {
     for (int x = 0; x < width; ++x) {
@@ -246,8 +238,7 @@ class Features {
       point[x] = std::sqrt(point[x] * point[x] + ddy[x] * ddy[x]);
     }
   }
-  int width_ = 0;
-  std::vector<float> data_;
+  Grid<float> values_;
 };
 
 /// Compares pictures of one size with a reference; memory is kept between calls.
@@ -262,20 +253,20 @@ class Flip {
 
   void set_reference(const RowSource& reference) {
     filter_rows(filters_, reference, width_, height_, planes_);
-    parallel_for(
-        0, height_, [&](std::int64_t y) { reference_.compute(filters_, planes_, int(y), height_, int(y)); }, kRowGrain);
+    parallel_rows(
+        0, height_, [&](int y) { reference_.compute(filters_, planes_, y, height_, y); }, kRowGrain);
   }
 
   /// Sets map = max(map, FLIP).
   void compare(const RowSource& test, Image& map) {
     filter_rows(filters_, test, width_, height_, planes_);
-    parallel_for(
+    parallel_rows(
         0, height_,
-        [&](std::int64_t y) {
+        [&](int y) {
           thread_local Features row;  // keeps its memory
           row.resize(width_, 1);
-          row.compute(filters_, planes_, int(y), height_, 0);
-          difference(width_, max_color_, row.row(0), reference_.row(int(y)), map.row(int(y)));
+          row.compute(filters_, planes_, y, height_, 0);
+          difference(width_, max_color_, row.row(0), reference_.row(y), map.row(y));
         },
         kRowGrain);
   }
@@ -358,7 +349,7 @@ FlipExposures flip_exposures(const Image& reference) {
   const float a = kA - 0.85f * kC, b = kB - 0.85f * kD, c = -0.85f * kE;
   const float p = -0.5f * b / a, at = p + std::sqrt(p * p - c / a);
   std::vector<float> luminances;
-  luminances.reserve(std::size_t(reference.pixels()));
+  luminances.reserve(reference.pixels());
   float highest = 0;
   for (int y = 0; y < reference.height(); ++y) {
     for (int x = 0; x < reference.width(); ++x) {

@@ -16,21 +16,6 @@
 namespace tempera {
 namespace {
 
-using Measurements = std::span<Measurement>;
-
-/// A measurement of each test that a function of one test makes.
-template <class F>
-void for_each_test(const FrameBatch& batch, Measurements out, F&& measure) {
-  for (std::size_t i = 0; i < batch.tests.size(); ++i) out[i].mean = measure(batch.tests[i], out[i].map);
-}
-
-/// As for_each_test, for those that have a frame before.
-template <class F>
-void for_each_pair(const FrameBatch& batch, Measurements out, F&& measure) {
-  if (!batch.reference_before) return;
-  for_each_test(batch, out, [&](const TestFrame& t, Image* map) { return t.before ? measure(t, map) : PixelMean(); });
-}
-
 /// display(reference), or the mean of that of both references.
 template <class F>
 Image displayed_reference(const FrameBatch& batch, F&& display) {
@@ -38,7 +23,7 @@ Image displayed_reference(const FrameBatch& batch, F&& display) {
   return mean_of(display(*batch.first, batch.options.exposure), display(*batch.second, batch.options.exposure));
 }
 
-std::vector<FlipTest> flip_tests(const FrameBatch& batch, Measurements out) {
+std::vector<FlipTest> flip_tests(const FrameBatch& batch, std::span<const Measurement> out) {
   std::vector<FlipTest> tests;
   for (std::size_t i = 0; i < batch.tests.size(); ++i) tests.push_back({batch.tests[i].image, out[i].map});
   return tests;
@@ -65,11 +50,9 @@ const auto kEntries = std::to_array<MetricEntry>({
               .trims = true,
               .squared = true,
               .is_default = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
-           for_each_test(b, out, [&](const TestFrame& t, Image* map) {
-             return PixelMean{relative_mse(*t.image, b.reference, map, b.options.epsilon, b.options.trim)};
-           });
+     .of_test =
+         [](const FrameBatch& b, const TestFrame& t, Image* map) {
+           return PixelMean{relative_mse(*t.image, b.reference, map, b.options.epsilon, b.options.trim)};
          }},
     {.info = {.id = "relmse_gray",
               .title = "relMSE, gray",
@@ -79,11 +62,9 @@ const auto kEntries = std::to_array<MetricEntry>({
               .has_map = true,
               .trims = true,
               .squared = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
-           for_each_test(b, out, [&](const TestFrame& t, Image* map) {
-             return PixelMean{relative_mse_gray(*t.image, b.reference, map, 1e-3, b.options.trim)};
-           });
+     .of_test =
+         [](const FrameBatch& b, const TestFrame& t, Image* map) {
+           return PixelMean{relative_mse_gray(*t.image, b.reference, map, 1e-3, b.options.trim)};
          }},
     {.info = {.id = "mse",
               .title = "MSE",
@@ -93,23 +74,16 @@ const auto kEntries = std::to_array<MetricEntry>({
               .trims = true,
               .squared = true,
               .is_default = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
-           for_each_test(b, out, [&](const TestFrame& t, Image* map) {
-             return PixelMean{mse(*t.image, b.reference, map, b.options.trim)};
-           });
-         }},
+     .of_test = [](const FrameBatch& b, const TestFrame& t,
+                   Image* map) { return PixelMean{mse(*t.image, b.reference, map, b.options.trim)}; }},
     {.info = {.id = "bias",
               .title = "bias of luminance",
               .help = "mean luminance over that of the reference, minus 1",
               .formula = "(mean over p of Y(T)) / (mean over p of Y(R)) - 1, Y luminance",
               .better = MetricBetter::kNearZero,
               .is_default = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
-           for_each_test(b, out,
-                         [&](const TestFrame& t, Image*) { return PixelMean{luminance_bias(*t.image, b.reference)}; });
-         }},
+     .of_test = [](const FrameBatch& b, const TestFrame& t,
+                   Image*) { return PixelMean{luminance_bias(*t.image, b.reference)}; }},
     {.info = {.id = "bias_squared",
               .title = "bias^2",
               .help = "the part of relmse that stays however many runs are averaged; of groups of runs",
@@ -131,12 +105,12 @@ const auto kEntries = std::to_array<MetricEntry>({
               .better = MetricBetter::kHigher,
               .squared = true,
               .is_default = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
+     .of_batch =
+         [](const FrameBatch& b, std::span<Measurement> out) {
            const Image reference = displayed_reference(b, display_colors);
-           for_each_test(b, out, [&](const TestFrame& t, Image*) {
-             return PixelMean{encoded_mse(display_colors(*t.image, b.options.exposure), reference)};
-           });
+           for (std::size_t i = 0; i < out.size(); ++i) {
+             out[i].mean = {encoded_mse(display_colors(*b.tests[i].image, b.options.exposure), reference)};
+           }
          },
      .scale = MetricScale::kDecibels},
     {.info = {.id = "ssim",
@@ -148,12 +122,12 @@ const auto kEntries = std::to_array<MetricEntry>({
               .source = "[Wang 2004]",
               .better = MetricBetter::kHigher,
               .is_default = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
+     .of_batch =
+         [](const FrameBatch& b, std::span<Measurement> out) {
            const Image reference = displayed_reference(b, display_luminance);
-           for_each_test(b, out, [&](const TestFrame& t, Image*) {
-             return PixelMean{encoded_ssim(display_luminance(*t.image, b.options.exposure), reference)};
-           });
+           for (std::size_t i = 0; i < out.size(); ++i) {
+             out[i].mean = {encoded_ssim(display_luminance(*b.tests[i].image, b.options.exposure), reference)};
+           }
          }},
     {.info = {.id = "flip",
               .title = "FLIP",
@@ -162,8 +136,8 @@ const auto kEntries = std::to_array<MetricEntry>({
               .source = "[Andersson 2020]",
               .has_map = true,
               .is_default = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
+     .of_batch =
+         [](const FrameBatch& b, std::span<Measurement> out) {
            const auto values =
                flip(flip_tests(b, out), b.reference, std::exp2(b.options.exposure), b.options.pixels_per_degree);
            for (std::size_t i = 0; i < values.size(); ++i) out[i].mean = {values[i]};
@@ -174,8 +148,8 @@ const auto kEntries = std::to_array<MetricEntry>({
               .formula = "mean over p of the largest FLIP over exposures, tone mapped",
               .source = "[Andersson 2021]",
               .has_map = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
+     .of_batch =
+         [](const FrameBatch& b, std::span<Measurement> out) {
            const auto values = hdr_flip(flip_tests(b, out), b.reference, b.options.pixels_per_degree);
            for (std::size_t i = 0; i < values.size(); ++i) out[i].mean = {values[i]};
          }},
@@ -190,12 +164,10 @@ const auto kEntries = std::to_array<MetricEntry>({
               .trims = true,
               .squared = true,
               .is_default = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
-           for_each_pair(b, out, [&](const TestFrame& t, Image* map) {
-             return temporal_error(*t.image, *t.before, b.reference, *b.reference_before, nullptr, map,
-                                   b.options.epsilon, b.options.trim);
-           });
+     .of_test =
+         [](const FrameBatch& b, const TestFrame& t, Image* map) {
+           return temporal_error(*t.image, *t.before, b.reference, *b.reference_before, nullptr, map, b.options.epsilon,
+                                 b.options.trim);
          }},
     {.info = {.id = "temporal_compensated",
               .title = "temporal error along motion",
@@ -208,13 +180,11 @@ const auto kEntries = std::to_array<MetricEntry>({
               .trims = true,
               .squared = true,
               .is_default = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
-           if (!b.previous) return;
-           for_each_pair(b, out, [&](const TestFrame& t, Image* map) {
-             return temporal_error(*t.image, *t.before, b.reference, *b.reference_before, b.previous, map,
-                                   b.options.epsilon, b.options.trim);
-           });
+     .of_test =
+         [](const FrameBatch& b, const TestFrame& t, Image* map) {
+           if (!b.previous) return PixelMean();
+           return temporal_error(*t.image, *t.before, b.reference, *b.reference_before, b.previous, map,
+                                 b.options.epsilon, b.options.trim);
          }},
     {.info = {.id = "warp_error",
               .title = "warp error",
@@ -226,13 +196,11 @@ const auto kEntries = std::to_array<MetricEntry>({
               .needs = MetricNeeds::kMotion,
               .has_map = true,
               .trims = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
-           if (!b.previous) return;
-           for_each_pair(b, out, [&](const TestFrame& t, Image* map) {
-             return warp_error(*t.image, *t.before, b.reference, *b.reference_before, *b.previous, map,
-                               b.options.epsilon, b.options.trim);
-           });
+     .of_test =
+         [](const FrameBatch& b, const TestFrame& t, Image* map) {
+           if (!b.previous) return PixelMean();
+           return warp_error(*t.image, *t.before, b.reference, *b.reference_before, *b.previous, map, b.options.epsilon,
+                             b.options.trim);
          }},
     {.info = {.id = "motion_error",
               .title = "error of motion vectors",
@@ -241,12 +209,9 @@ const auto kEntries = std::to_array<MetricEntry>({
               .formula = "mean over p of |motion_T(p) - motion_R(p)|",
               .needs = MetricNeeds::kMotionBoth,
               .has_map = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
-           if (!b.motion) return;
-           for_each_test(b, out, [&](const TestFrame& t, Image* map) {
-             return t.motion ? motion_error(*t.motion, *b.motion, map) : PixelMean();
-           });
+     .of_test =
+         [](const FrameBatch& b, const TestFrame& t, Image* map) {
+           return t.motion && b.motion ? motion_error(*t.motion, *b.motion, map) : PixelMean();
          }},
     {.info = {.id = "flicker_static",
               .title = "change of luminance",
@@ -256,12 +221,8 @@ const auto kEntries = std::to_array<MetricEntry>({
               .needs = MetricNeeds::kStillScene,
               .has_map = true,
               .is_default = true},
-     .measure =
-         [](const FrameBatch& b, Measurements out) {
-           for_each_test(b, out, [&](const TestFrame& t, Image* map) {
-             return t.before ? luminance_change(*t.image, *t.before, map) : PixelMean();
-           });
-         }},
+     .of_test = [](const FrameBatch&, const TestFrame& t,
+                   Image* map) { return luminance_change(*t.image, *t.before, map); }},
     {.info = {.id = "flicker",
               .title = "flicker",
               .help = "power of the residual (luminance of test minus reference) above the cutoff frequency",
@@ -281,6 +242,15 @@ const auto kEntries = std::to_array<MetricEntry>({
 });
 
 }  // namespace
+
+void MetricEntry::measure(const FrameBatch& batch, std::span<Measurement> out) const {
+  if (of_batch) return of_batch(batch, out);
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const TestFrame& test = batch.tests[i];
+    const bool has_value = info.scope != MetricScope::kPair || (batch.reference_before && test.before);
+    if (has_value) out[i].mean = of_test(batch, test, out[i].map);
+  }
+}
 
 std::span<const MetricEntry> metric_entries() { return kEntries; }
 

@@ -41,9 +41,16 @@ enum class MetricScale {
 
 struct MetricEntry {
   MetricInfo info;
-  /// Fills a measurement for each test. Null for metrics of whole sequences and of groups of runs.
-  void (*measure)(const FrameBatch& batch, std::span<Measurement> out) = nullptr;
+  /// The value of one test, which has a frame before where the metric is one of pairs. `map`: see Measurement.
+  PixelMean (*of_test)(const FrameBatch& batch, const TestFrame& test, Image* map) = nullptr;
+  /// In its place where tests share work: fills a measurement for each.
+  void (*of_batch)(const FrameBatch& batch, std::span<Measurement> out) = nullptr;
   MetricScale scale = MetricScale::kPlain;
+
+  /// Whether frames are measured one by one; not so for metrics of whole sequences and of groups of runs.
+  bool measures_frames() const { return of_test || of_batch; }
+  /// A measurement for each of the batch's tests; one without a value stays as it is. Pre: measures_frames().
+  void measure(const FrameBatch& batch, std::span<Measurement> out) const;
 };
 
 std::span<const MetricEntry> metric_entries();

@@ -68,11 +68,11 @@ double display_mse(const Image& test, const Image& reference, float exposure) {
 
 double encoded_mse(const Image& test, const Image& reference) {
   const int values = test.width() * 3;
-  std::vector<double> rows(std::size_t(test.height()));
-  parallel_for(
+  std::vector<double> rows(test.height());
+  parallel_rows(
       0, test.height(),
-      [&](std::int64_t y) {
-        const float *t = test.row(int(y)), *r = reference.row(int(y));
+      [&](int y) {
+        const float *t = test.row(y), *r = reference.row(y);
         double sum = 0;
         for (int i = 0; i < values; ++i) sum += square(double(t[i]) - double(r[i]));
         rows[y] = sum;
@@ -103,19 +103,19 @@ double encoded_ssim(const Image& test, const Image& reference) {
   for (int i = 0; i < kTaps; ++i) {
     taps[i] = float(std::exp(-square(i - kRadius) / (2 * 1.5 * 1.5)) / total);
   }
-  std::vector<double> rows(std::size_t(h - 2 * kRadius));
-  parallel_for(
+  std::vector<double> rows(h - 2 * kRadius);
+  parallel_rows(
       kRadius, h - kRadius,
-      [&](std::int64_t y) {
+      [&](int y) {
         // Sums along columns, then along the row, of t, r, t^2, r^2 and t r. Values are taken relative to the middle of
         // their range, which changes no variance and loses less of it to rounding.
         constexpr int kSums = 5;
         thread_local std::vector<float> buffer;
-        buffer.assign(std::size_t(w) * kSums + std::size_t(inner) * kSums, 0.0f);
+        buffer.assign(kSums * (w + inner), 0.0f);
         std::array<float*, kSums> column{}, window{};
         for (int s = 0; s < kSums; ++s) {
-          column[s] = buffer.data() + std::size_t(s) * std::size_t(w);
-          window[s] = buffer.data() + std::size_t(w) * kSums + std::size_t(s) * std::size_t(inner);
+          column[s] = buffer.data() + s * w;
+          window[s] = buffer.data() + kSums * w + s * inner;
         }
         const auto add_row = [w](float tap, const float* __restrict t, const float* __restrict r, float* __restrict m0,
                                  float* __restrict m1, float* __restrict m2, float* __restrict m3,
@@ -126,8 +126,8 @@ double encoded_ssim(const Image& test, const Image& reference) {
           }
         };
         for (int i = -kRadius; i <= kRadius; ++i) {
-          add_row(taps[i + kRadius], test.row(int(y) + i), reference.row(int(y) + i), column[0], column[1], column[2],
-                  column[3], column[4]);
+          add_row(taps[i + kRadius], test.row(y + i), reference.row(y + i), column[0], column[1], column[2], column[3],
+                  column[4]);
         }
         for (std::size_t s = 0; s < kSums; ++s) {
           float* const out = window[s];
@@ -157,15 +157,15 @@ double encoded_ssim(const Image& test, const Image& reference) {
 Image mean_of(const Image& a, const Image& b) {
   check_sizes(a, b);
   Image out(a.width(), a.height(), a.channels() == b.channels() ? a.channels() : 3);
-  parallel_for(
+  parallel_rows(
       0, a.height(),
-      [&](std::int64_t y) {
-        float* const to = out.row(int(y));
+      [&](int y) {
+        float* const to = out.row(y);
         if (a.channels() != b.channels()) {
-          for (int x = 0; x < a.width(); ++x) out.set_rgb(x, int(y), a.rgb(x, int(y)) * 0.5f + b.rgb(x, int(y)) * 0.5f);
+          for (int x = 0; x < a.width(); ++x) out.set_rgb(x, y, a.rgb(x, y) * 0.5f + b.rgb(x, y) * 0.5f);
           return;
         }
-        const float *from_a = a.row(int(y)), *from_b = b.row(int(y));
+        const float *from_a = a.row(y), *from_b = b.row(y);
         for (int i = 0; i < a.width() * a.channels(); ++i) to[i] = 0.5f * from_a[i] + 0.5f * from_b[i];
       },
       kRowGrain);
@@ -173,11 +173,11 @@ Image mean_of(const Image& a, const Image& b) {
 }
 
 std::int64_t count_non_finite(const Image& image) {
-  std::vector<std::int64_t> rows(std::size_t(image.height()));
-  parallel_for(
+  std::vector<std::int64_t> rows(image.height());
+  parallel_rows(
       0, image.height(),
-      [&](std::int64_t y) {
-        for (int x = 0; x < image.width(); ++x) rows[y] += !is_finite(image.rgb(x, int(y)));
+      [&](int y) {
+        for (int x = 0; x < image.width(); ++x) rows[y] += !is_finite(image.rgb(x, y));
       },
       kRowGrain);
   std::int64_t count = 0;
@@ -195,12 +195,12 @@ Image displayed(const Image& image, int channels, float exposure, F&& encode) {
   Image out(image.width(), image.height(), channels);
   const float scale = std::exp2(exposure);
   const auto unit = [](float v) { return v > 0 ? std::min(v, 1.0f) : 0.0f; };  // NaN becomes 0
-  parallel_for(
+  parallel_rows(
       0, image.height(),
-      [&](std::int64_t y) {
-        float* const row = out.row(int(y));
+      [&](int y) {
+        float* const row = out.row(y);
         for (int x = 0; x < image.width(); ++x) {
-          const Rgb c = image.rgb(x, int(y));
+          const Rgb c = image.rgb(x, y);
           encode(row + x * channels, Rgb{unit(c.r * scale), unit(c.g * scale), unit(c.b * scale)});
         }
         for (int i = 0; i < image.width() * channels; ++i) row[i] = srgb_fast(row[i]);

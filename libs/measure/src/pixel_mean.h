@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "tempera/core/grid.h"
 #include "tempera/core/parallel.h"
 #include "tempera/measure/metrics.h"
 
@@ -35,16 +36,16 @@ PixelMean mean_over_pixels(int width, int height, Image* map, double trim, F&& v
     double sum = 0;
     std::int64_t count = 0;
   };
-  std::vector<Row> rows(static_cast<std::size_t>(height));
-  std::vector<float> counted(trim > 0 ? std::size_t(width) * std::size_t(height) : 0);
-  parallel_for(
+  std::vector<Row> rows(height);
+  Grid<float> values = trim > 0 ? Grid<float>(width, height) : Grid<float>();
+  parallel_rows(
       0, height,
-      [&](std::int64_t y) {
+      [&](int y) {
         Row row;
-        float* const out = map ? map->row(int(y)) : nullptr;
+        float* const out = map ? map->row(y) : nullptr;
         for (int x = 0; x < width; ++x) {
-          const double v = value(x, int(y));
-          if (trim > 0) counted[std::size_t(y) * std::size_t(width) + std::size_t(x)] = float(v);
+          const double v = value(x, y);
+          if (trim > 0) values.at(x, y) = float(v);
           if (std::isnan(v)) continue;
           if (out) out[x] = float(v);
           row.sum += v;
@@ -60,11 +61,11 @@ PixelMean mean_over_pixels(int width, int height, Image* map, double trim, F&& v
   if (total.count == 0) return mean;
   const auto dropped = std::int64_t(trim * double(total.count));
   if (dropped > 0) {
-    std::erase_if(counted, [](float v) { return std::isnan(v); });
+    const auto end = std::remove_if(values.begin(), values.end(), [](float v) { return std::isnan(v); });
     const std::int64_t kept = total.count - dropped;
-    std::nth_element(counted.begin(), counted.begin() + (kept - 1), counted.end());
+    std::nth_element(values.begin(), values.begin() + (kept - 1), end);
     total = {};
-    for (std::int64_t i = 0; i < kept; ++i) total.sum += double(counted[i]);
+    for (std::int64_t i = 0; i < kept; ++i) total.sum += double(values[i]);
     total.count = kept;
   }
   mean.value = total.sum / double(total.count);

@@ -14,7 +14,7 @@
 namespace tempera {
 namespace {
 
-constexpr std::int64_t kBlock = 512;  ///< pixels a task: their series fit in the cache
+constexpr int kBlock = 512;  ///< pixels a task: their series fit in the cache
 
 constexpr float kLost = std::numeric_limits<float>::quiet_NaN(), kSteps = 32767;
 
@@ -29,7 +29,14 @@ Stored stored(float residual) {
 float restored(float v) { return v; }
 float restored(std::int16_t v) { return float(v) / kSteps; }
 
-std::int64_t blocks(std::size_t pixels) { return (std::int64_t(pixels) + kBlock - 1) / kBlock; }
+int blocks(int pixels) { return (pixels + kBlock - 1) / kBlock; }
+
+/// Calls body(block, begin, end) for the blocks of [0, pixels), in any order, on many threads.
+template <class F>
+void for_each_block(int pixels, const F& body) {
+  parallel_rows(0, blocks(pixels),
+                [&](int block) { body(block, block * kBlock, std::min((block + 1) * kBlock, pixels)); });
+}
 
 }  // namespace
 
@@ -69,9 +76,8 @@ void Tracks::advance(const Image& forward, const Image* backward) {
     std::fill(positions_.begin(), positions_.end(), Vec2f{kNowhere, kNowhere});
     return;
   }
-  parallel_for(0, blocks(positions_.size()), [&](std::int64_t block) {
-    const auto end = std::min(std::size_t((block + 1) * kBlock), positions_.size());
-    for (auto i = std::size_t(block * kBlock); i < end; ++i) {
+  for_each_block(int(positions_.size()), [&](int, int begin, int end) {
+    for (int i = begin; i < end; ++i) {
       if (is_position(positions_[i])) positions_[i] = follow(positions_[i], forward, backward);
     }
   });
@@ -79,18 +85,17 @@ void Tracks::advance(const Image& forward, const Image* backward) {
 
 template <class Stored>
 SegmentRecord<Stored>::SegmentRecord(const Segments& segments, std::shared_ptr<const PixelChoice> choice)
-    : length_(segments.length), choice_(std::move(choice)), values_(std::size_t(length_) * choice_->pixels.size()) {}
+    : choice_(std::move(choice)), values_(int(choice_->pixels.size()), segments.length) {}
 
 template <class Stored>
 void SegmentRecord<Stored>::add(const Image& test, const Image& reference, const std::vector<Vec2f>* positions) {
   const auto& pixels = choice_->pixels;
-  Stored* const out = values_.data() + std::size_t(added_) * pixels.size();
+  const std::span<Stored> out = values_.row(added_);
   const auto residual = [&](int x, int y) {
     return stored<Stored>(luminance(test.rgb(x, y)) - luminance(reference.rgb(x, y)));
   };
-  parallel_for(0, blocks(pixels.size()), [&](std::int64_t block) {
-    const auto end = std::min(std::size_t((block + 1) * kBlock), pixels.size());
-    for (auto i = std::size_t(block * kBlock); i < end; ++i) {
+  for_each_block(values_.width(), [&](int, int begin, int end) {
+    for (int i = begin; i < end; ++i) {
       if (positions) {
         const Vec2f p = (*positions)[i];
         out[i] = is_position(p) ? residual(int(p.x), int(p.y)) : stored<Stored>(kLost);
@@ -104,10 +109,10 @@ void SegmentRecord<Stored>::add(const Image& test, const Image& reference, const
 
 template <class Stored>
 void SegmentRecord<Stored>::add_to(PowerSums& sums) const {
-  const int n = length_, frequencies = n / 2 + 1;
+  const int n = values_.height(), frequencies = n / 2 + 1;
   // w_t = sin^2(pi (t + 1/2) / n), the Hann window, times cosine and sine of each frequency, and normalized so that the
   // powers of a series e add up to the sum of (w e)^2 over that of w^2.
-  std::vector<float> cosine(std::size_t(n) * std::size_t(frequencies)), sine(cosine.size());
+  Grid<float> cosine(n, frequencies), sine(n, frequencies);
   double weight = 0;
   for (int t = 0; t < n; ++t) weight += std::pow(std::sin(std::numbers::pi * (t + 0.5) / n), 4);
   for (int k = 0; k < frequencies; ++k) {
@@ -116,39 +121,34 @@ void SegmentRecord<Stored>::add_to(PowerSums& sums) const {
     for (int t = 0; t < n; ++t) {
       const double window = std::pow(std::sin(std::numbers::pi * (t + 0.5) / n), 2);
       const double angle = 2 * std::numbers::pi * double(std::int64_t(k) * t % n) / n;
-      const auto i = std::size_t(k) * std::size_t(n) + std::size_t(t);
-      cosine[i] = float(scale * window * std::cos(angle));
-      sine[i] = float(scale * window * std::sin(angle));
+      cosine.at(t, k) = float(scale * window * std::cos(angle));
+      sine.at(t, k) = float(scale * window * std::sin(angle));
     }
   }
 
-  const std::size_t pixels = choice_->pixels.size();
+  const int pixels = values_.width();
   struct Block {
     std::vector<double> power;
     int pixels = 0;
   };
-  std::vector<Block> parts(std::size_t(blocks(pixels)));
-  parallel_for(0, std::int64_t(parts.size()), [&](std::int64_t block) {
-    const auto begin = std::size_t(block * kBlock), count = std::min(std::size_t(kBlock), pixels - begin);
-    thread_local std::vector<float> series;
-    series.assign(std::size_t(n) * std::size_t(kBlock), 0.0f);
+  std::vector<Block> parts(blocks(pixels));
+  for_each_block(pixels, [&](int block, int begin, int end) {
+    thread_local Grid<float> series;
+    series.assign(kBlock, n);
     // Pixels without a residual in some frame are all 0 and do not count.
     Block& part = parts[block];
-    for (std::size_t i = 0; i < count; ++i) {
+    for (int i = begin; i < end; ++i) {
       bool finite = true;
-      for (int t = 0; t < n; ++t) finite &= std::isfinite(restored(values_[std::size_t(t) * pixels + begin + i]));
+      for (int t = 0; t < n; ++t) finite &= std::isfinite(restored(values_.at(i, t)));
       if (!finite) continue;
       ++part.pixels;
-      for (int t = 0; t < n; ++t) {
-        series[std::size_t(t) * std::size_t(kBlock) + i] = restored(values_[std::size_t(t) * pixels + begin + i]);
-      }
+      for (int t = 0; t < n; ++t) series.at(i - begin, t) = restored(values_.at(i, t));
     }
     for (int k = 0; k < frequencies; ++k) {
       float re[kBlock] = {}, im[kBlock] = {};
       for (int t = 0; t < n; ++t) {
-        const float c = cosine[std::size_t(k) * std::size_t(n) + std::size_t(t)];
-        const float s = sine[std::size_t(k) * std::size_t(n) + std::size_t(t)];
-        const float* const e = series.data() + std::size_t(t) * std::size_t(kBlock);
+        const float c = cosine.at(t, k), s = sine.at(t, k);
+        const float* const e = series.row(t).data();
         for (int i = 0; i < kBlock; ++i) re[i] += c * e[i], im[i] += s * e[i];
       }
       double power = 0;
@@ -156,7 +156,7 @@ void SegmentRecord<Stored>::add_to(PowerSums& sums) const {
       part.power.push_back(power);
     }
   });
-  sums.power.resize(std::size_t(frequencies));
+  sums.power.resize(frequencies);
   for (const Block& part : parts) {
     for (std::size_t k = 0; k < part.power.size(); ++k) sums.power[k] += part.power[k];
     sums.pixels += part.pixels;

@@ -9,6 +9,7 @@
 #include <memory>
 #include <vector>
 
+#include "tempera/core/grid.h"
 #include "tempera/frames/image.h"
 #include "tempera/measure/compare.h"
 
@@ -70,14 +71,14 @@ class SegmentRecord {
   /// The next frame: luminance of test minus reference, at the chosen pixels or, if given, at the nearest pixels to
   /// `positions`, so that noise keeps its variance. Pixels that are lost or not finite drop out.
   void add(const Image& test, const Image& reference, const std::vector<Vec2f>* positions);
-  bool full() const { return added_ == length_; }
+  bool full() const { return added_ == values_.height(); }
   /// Adds the power of the whole segment. Pre: full().
   void add_to(PowerSums& sums) const;
 
  private:
-  int length_, added_ = 0;
+  int added_ = 0;
   std::shared_ptr<const PixelChoice> choice_;
-  std::vector<Stored> values_;  ///< [frame][pixel]
+  Grid<Stored> values_;  ///< a row for each frame, with the values of its pixels
 };
 
 /// The mean power of each frequency. Pre: sums of segments of `segments.length` frames.

@@ -33,16 +33,16 @@ std::pair<double, double> estimate(double runs, double own, double of_sum, doubl
 BiasVariance bias_and_variance(std::span<const Image* const> runs, const Image& reference, double epsilon) {
   for (const Image* r : runs) check_sizes(*r, reference);
   const std::size_t count = runs.size();
-  std::vector<Sums> rows(std::size_t(reference.height()), Sums(count));
-  parallel_for(
+  std::vector<Sums> rows(reference.height(), Sums(count));
+  parallel_rows(
       0, reference.height(),
-      [&](std::int64_t y) {
+      [&](int y) {
         Sums& row = rows[y];
         std::vector<Rgb> errors(count);
         for (int x = 0; x < reference.width(); ++x) {
-          const Rgb r = reference.rgb(x, int(y));
+          const Rgb r = reference.rgb(x, y);
           Rgb sum(0.0f);
-          for (std::size_t i = 0; i < count; ++i) errors[i] = runs[i]->rgb(x, int(y)) - r, sum += errors[i];
+          for (std::size_t i = 0; i < count; ++i) errors[i] = runs[i]->rgb(x, y) - r, sum += errors[i];
           if (!is_finite(sum)) continue;
           ++row.pixels;
           for (int c = 0; c < 3; ++c) {

@@ -51,12 +51,12 @@ Image previous_positions(const Image& backward, const Image* forward_before) {
   check_vectors(backward);
   if (forward_before) check_vectors(*forward_before), check_sizes(*forward_before, backward);
   Image out(backward.width(), backward.height(), 2);
-  parallel_for(
+  parallel_rows(
       0, backward.height(),
-      [&](std::int64_t y) {
+      [&](int y) {
         for (int x = 0; x < backward.width(); ++x) {
           const Vec2f p = follow({float(x) + 0.5f, float(y) + 0.5f}, backward, forward_before);
-          float* const to = out.pixel(x, int(y));
+          float* const to = out.pixel(x, y);
           to[0] = p.x, to[1] = p.y;
         }
       },

@@ -59,9 +59,9 @@ bool is_whole(std::ifstream& stream) {
   auto left = std::int64_t(stream.tellg()) - std::int64_t(sizeof(std::uint64_t));
   stream.seekg(0);
   RunningHash hash;
-  std::vector<char> block(std::size_t(1) << 20);
+  std::vector<char> block(1 << 20);
   while (left > 0) {
-    const auto n = std::size_t(std::min(left, std::int64_t(block.size())));
+    const std::size_t n = std::min(left, std::int64_t(block.size()));
     if (!stream.read(block.data(), std::streamsize(n))) return false;
     hash.add(block.data(), n);
     left -= std::int64_t(n);

@@ -107,7 +107,7 @@ std::uint64_t parse_memory_size(std::string_view text) {
   double value = 0;
   const auto [end, ec] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (ec != std::errc() || !(value > 0)) throw fail();
-  std::string_view unit(end, std::size_t(text.data() + text.size() - end));
+  std::string_view unit(end, text.data() + text.size() - end);
   if (unit.ends_with('B')) unit.remove_suffix(1);
   if (unit.ends_with('i')) unit.remove_suffix(1);
   const std::string_view units = "KMGT";

@@ -254,18 +254,7 @@ void announce_results(ProgressKind kind, std::span<const JobResult> results) {
 }
 
 std::unique_ptr<RenderObserver> make_progress(ProgressKind kind, const JobStep& step) {
-  switch (settle_progress(kind)) {
-    case ProgressKind::kTty:
-      return std::make_unique<Bar>();
-    case ProgressKind::kJson:
-      return std::make_unique<Json>(step);
-    case ProgressKind::kOpenJd:
-      return std::make_unique<OpenJd>(step);
-    case ProgressKind::kNone:
-      return std::make_unique<RenderObserver>();
-    default:
-      return std::make_unique<Plain>();
-  }
+  return make_observer<RenderObserver, Plain, Bar, Json, OpenJd>(kind, step);
 }
 
 }  // namespace tempera

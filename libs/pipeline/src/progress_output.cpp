@@ -60,7 +60,7 @@ void ProgressBar::show(double part, const std::string& text) {
     const int full = int(part * width);
     line = fmt::format("[{:=<{}}{:{}}]", "", full, "", width - full);
   }
-  draw((line + " " + text).substr(0, std::size_t(std::max(columns - 1, 10))));
+  draw((line + " " + text).substr(0, std::max(columns - 1, 10)));
 }
 
 void ProgressBar::write_above(const std::string& line) {

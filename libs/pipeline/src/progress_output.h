@@ -2,6 +2,7 @@
 #pragma once
 // How progress is written, whatever it is the progress of: lines for people, for programs, and a bar on a terminal.
 #include <cstdio>
+#include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -43,5 +44,23 @@ class ProgressBar {
   std::mutex mutex_;
   std::string line_;
 };
+
+/// The observer of a kind: those that write, or for kNone `Observer` itself, which does nothing. `OpenJd` and `Json`
+/// are made of the step.
+template <class Observer, class Plain, class Bar, class Json, class OpenJd>
+std::unique_ptr<Observer> make_observer(ProgressKind kind, const JobStep& step) {
+  switch (settle_progress(kind)) {
+    case ProgressKind::kTty:
+      return std::make_unique<Bar>();
+    case ProgressKind::kJson:
+      return std::make_unique<Json>(step);
+    case ProgressKind::kOpenJd:
+      return std::make_unique<OpenJd>(step);
+    case ProgressKind::kNone:
+      return std::make_unique<Observer>();
+    default:
+      return std::make_unique<Plain>();
+  }
+}
 
 }  // namespace tempera

@@ -84,7 +84,7 @@ std::size_t units_of(const Sequence& q, const Job& job) {
   std::size_t n = 0;
   const std::size_t tiles = make_tiles(q.width, q.height).size() * job.frames.size();
   for (const PassDesc& pass : q.method->passes(q.shot.settings, job.range))
-    n += pass.domain == PassDesc::Domain::kTiles ? tiles : std::size_t(pass.units);
+    n += pass.domain == PassDesc::Domain::kTiles ? tiles : pass.units;
   return n;
 }
 
@@ -423,7 +423,7 @@ class JobRender {
     begin_ = now();
     earlier_seconds_ = record_.seconds;
     for (const int f : job_.frames) {
-      const std::size_t brought = f == job_.frames[0] ? std::size_t(section_->units_done()) : 0;
+      const std::size_t brought = f == job_.frames[0] ? section_->units_done() : 0;
       for (RenderObserver* o : observers_) o->frame_begin(f, section_->picture(f), brought);
     }
     SceneWindow window = q_.window(job_.range);

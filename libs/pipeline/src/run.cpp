@@ -65,8 +65,8 @@ std::vector<StageSection> sections_of(std::vector<int> frames, const FrameRange&
   if (halo < 0) return {{frames, sequence, sequence}};
   std::vector<StageSection> out;
   for (const int f : frames) {
-    const FrameRange reach{int(std::max<std::int64_t>(std::int64_t(f) - halo, sequence.first)),
-                           int(std::min<std::int64_t>(std::int64_t(f) + halo, sequence.last))};
+    const auto within = [&](std::int64_t g) { return int(std::clamp<std::int64_t>(g, sequence.first, sequence.last)); };
+    const FrameRange reach{within(std::int64_t(f) - halo), within(std::int64_t(f) + halo)};
     if (out.empty() || out.back().reach->last + 1 < reach.first) out.push_back({{}, sequence, reach});
     out.back().reach->last = reach.last;
     out.back().frames.push_back(f);

@@ -195,8 +195,8 @@ namespace {
 
 int find_node(const Scene& scene, const Values& values, const std::string& wanted) {
   std::vector<std::string> names;
-  for (std::size_t i = 0; i < scene.nodes.size(); ++i) {
-    if (scene.nodes[i].name == wanted) return int(i);
+  for (int i = 0; i < std::ssize(scene.nodes); ++i) {
+    if (scene.nodes[i].name == wanted) return i;
     names.push_back(scene.nodes[i].name);
   }
   for (const Instance& i : scene.instances) {
@@ -280,9 +280,9 @@ std::string edit_cameras(const ShotConfig& config, const RenderSettings& setting
   for (const auto& [name, values] : tables(config, "cameras", camera_params())) {
     std::vector<std::string> names;
     int found = -1;
-    for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
+    for (int i = 0; i < std::ssize(scene.cameras); ++i) {
       names.push_back(scene.cameras[i].name);
-      if (found < 0 && scene.cameras[i].name == name) found = int(i);
+      if (found < 0 && scene.cameras[i].name == name) found = i;
     }
     if (found < 0) throw unknown(values, "camera", name, names);
     edit_camera(values, settings, scene, scene.cameras[found]);
@@ -443,14 +443,14 @@ std::string edit_lights(const ShotConfig& config, const FrameClock& clock, Scene
   for (const auto& [name, values] : all) {
     std::vector<std::string> names;
     bool found = false;
-    for (std::size_t i = 0; i < scene.lights.size(); ++i) {
+    for (int i = 0; i < std::ssize(scene.lights); ++i) {
       PunctualLight& light = scene.lights[i];
       names.push_back(light.name);
       const int parent = light.node >= 0 ? scene.nodes[light.node].parent : -1;
       if (light.name != name && (parent < 0 || scene.nodes[parent].name != name)) continue;
       found = true;
       edit_punctual(values, clock, light);
-      if (const double radius = values.params.get_double("radius"); radius > 0) radii[int(i)] = float(radius);
+      if (const double radius = values.params.get_double("radius"); radius > 0) radii[i] = float(radius);
     }
     for (const Instance& i : scene.instances) {
       if (emits(scene, i)) names.push_back(i.name);
@@ -514,15 +514,15 @@ CachedMesh find_meshes(const Scene& scene, const Values& v, const std::string& n
     if (i.name != name) continue;
     for (const int s : scene.groups[i.group]) add(s);
   }
-  for (std::size_t s = 0; result.shapes.empty() && s < scene.shapes.size(); ++s) {
+  for (int s = 0; result.shapes.empty() && s < std::ssize(scene.shapes); ++s) {
     // A mesh of several materials is several shapes, NAME[0], NAME[1], ...
     const std::string& own = scene.shapes[s].name;
     names.push_back(own);
-    if (own == name) add(int(s));
+    if (own == name) add(s);
   }
   if (result.shapes.empty()) {
-    for (std::size_t s = 0; s < scene.shapes.size(); ++s) {
-      if (scene.shapes[s].name == fmt::format("{}[{}]", name, result.shapes.size())) add(int(s));
+    for (int s = 0; s < std::ssize(scene.shapes); ++s) {
+      if (scene.shapes[s].name == fmt::format("{}[{}]", name, result.shapes.size())) add(s);
     }
   }
   if (result.shapes.empty()) throw unknown(v, "mesh", name, names);
@@ -531,7 +531,7 @@ CachedMesh find_meshes(const Scene& scene, const Values& v, const std::string& n
     const Mesh& mesh = std::get<Mesh>(scene.shapes[s].geometry);
     result.vertices += mesh.positions.size();
     mapped = mapped && !mesh.source_vertices.empty();
-    for (const std::uint32_t i : mesh.source_vertices) result.sources = std::max(result.sources, std::size_t(i) + 1);
+    for (const std::size_t i : mesh.source_vertices) result.sources = std::max(result.sources, i + 1);
   }
   if (!mapped) result.sources = 0;
   return result;
@@ -543,7 +543,7 @@ constexpr Affine3f kFromZUp{{1, 0, 0}, {0, 0, -1}, {0, 1, 0}};
 double distance_to_rest(const Mesh& mesh, const CachedPositions& c, const Affine3f& map) {
   double sum = 0;
   for (std::size_t v = 0; v < mesh.positions.size(); ++v) {
-    const std::size_t at = c.vertices.empty() ? std::size_t(c.first_vertex) + v : c.vertices[v];
+    const std::size_t at = c.vertices.empty() ? c.first_vertex + v : c.vertices[v];
     sum += double(length_squared(map.point(c.samples->position(0, at)) - mesh.positions[v]));
   }
   return sum / double(std::max<std::size_t>(1, mesh.positions.size()));
@@ -606,8 +606,8 @@ std::string attach_caches(const ShotConfig& config, const FrameClock& clock, Sce
     options.format = format == "pc2" ? CacheFormat::kPc2 : format == "mdd" ? CacheFormat::kMdd : CacheFormat::kRaw;
     if (options.format != CacheFormat::kRaw) refuse(v, {"vertices", "offset"}, "the file says so itself");
     const int vertices = v.params.get_int("vertices");
-    options.vertices = vertices > 0 ? std::size_t(vertices) : target.vertices;
-    options.offset = std::size_t(v.params.get_int("offset"));
+    options.vertices = vertices > 0 ? vertices : target.vertices;
+    options.offset = v.params.get_int("offset");
     if (options.format == CacheFormat::kRaw && vertices == 0 && target.sources > 0)
       throw v.bad("file", "needs `vertices`: the mesh was split at seams, and does not tell how many it had");
     const std::shared_ptr<VertexCache> cache = VertexCache::open(file, options, v.loc("file"));

@@ -9,7 +9,7 @@ namespace tempera {
 
 SceneInfo describe(const Scene& scene) {
   SceneInfo info;
-  for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
+  for (int i = 0; i < std::ssize(scene.cameras); ++i) {
     const Camera& c = scene.cameras[i];
     CameraInfo out;
     out.name = c.name;
@@ -18,7 +18,7 @@ SceneInfo describe(const Scene& scene) {
     out.animated = scene.moves(c.node, scene.animation) || c.fov_x.varies_over(scene.animation) ||
                    c.width.varies_over(scene.animation) || c.aperture_radius.varies_over(scene.animation) ||
                    c.focus_distance.varies_over(scene.animation);
-    out.is_default = int(i) == scene.default_camera;
+    out.is_default = i == scene.default_camera;
     info.cameras.push_back(out);
   }
   info.animations = scene.animation_names;

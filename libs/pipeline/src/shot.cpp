@@ -159,13 +159,13 @@ int find_camera(const ShotConfig& config, const Scene& scene) {
   if (!config.find(key)) return scene.default_camera;
   const std::string& wanted = config.get_string(key);
   std::vector<std::string> names;
-  for (std::size_t i = 0; i < scene.cameras.size(); ++i) {
-    if (scene.cameras[i].name == wanted) return int(i);
+  for (int i = 0; i < std::ssize(scene.cameras); ++i) {
+    if (scene.cameras[i].name == wanted) return i;
     names.push_back(fmt::format("{} ({})", i, scene.cameras[i].name));
   }
   int index = -1;
   const auto [end, ec] = std::from_chars(wanted.data(), wanted.data() + wanted.size(), index);
-  if (ec == std::errc() && end == wanted.data() + wanted.size() && index >= 0 && index < int(scene.cameras.size())) {
+  if (ec == std::errc() && end == wanted.data() + wanted.size() && index >= 0 && index < std::ssize(scene.cameras)) {
     return index;
   }
   throw Error(ErrorCode::kUnknownName, config.loc(key),
@@ -194,9 +194,8 @@ std::vector<int> animated_frames(const Scene& scene, const FrameClock& clock) {
                 fmt::format("the animation from {} to {} s has more than {} frames; name those to render (--frames)",
                             scene.animation.begin, scene.animation.end, kMaxFrames));
   }
-  std::vector<int> frames;
-  for (int f = int(first); f <= int(last); ++f) frames.push_back(f);
-  if (frames.empty()) frames.push_back(int(first));
+  std::vector<int> frames{int(first)};  // one at least
+  for (double f = first + 1; f <= last; ++f) frames.push_back(int(f));
   return frames;
 }
 
@@ -402,7 +401,7 @@ void replace_environment(const ShotConfig& config, Shot& shot, Scene& scene) {
       }
       shot.edits += fmt::format(",space={}", id);
       env.width = image.width(), env.height = image.height();
-      env.image.reserve(std::size_t(image.pixels()));
+      env.image.reserve(image.pixels());
       bool repaired = false;
       for (int y = 0; y < env.height; ++y) {
         for (int x = 0; x < env.width; ++x) {

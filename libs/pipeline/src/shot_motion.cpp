@@ -116,9 +116,9 @@ void cut_motion(Scene& scene, const FrameClock& clock, const std::vector<int>& d
     const auto end_flight = [&](auto& track) {
       if (const auto i = flight(track, cut)) track = without_flight(track, *i, cut);
     };
-    for (std::size_t n = 0; n < scene.nodes.size(); ++n) {
+    for (int n = 0; n < std::ssize(scene.nodes); ++n) {
       AnimatedTransform& t = scene.nodes[n].local;
-      if (!t.keyed || (!seen_from.contains(int(n)) && !jumps_at(t, cut))) continue;
+      if (!t.keyed || (!seen_from.contains(n) && !jumps_at(t, cut))) continue;
       end_flight(t.translation);
       end_flight(t.rotation);
       end_flight(t.scale);

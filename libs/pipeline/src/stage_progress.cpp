@@ -125,18 +125,7 @@ class OpenJd : public Counting {
 }  // namespace
 
 std::unique_ptr<StageObserver> make_stage_progress(ProgressKind kind, const JobStep& step) {
-  switch (settle_progress(kind)) {
-    case ProgressKind::kTty:
-      return std::make_unique<Bar>();
-    case ProgressKind::kJson:
-      return std::make_unique<Json>(step);
-    case ProgressKind::kOpenJd:
-      return std::make_unique<OpenJd>(step);
-    case ProgressKind::kNone:
-      return std::make_unique<StageObserver>();
-    default:
-      return std::make_unique<Plain>();
-  }
+  return make_observer<StageObserver, Plain, Bar, Json, OpenJd>(kind, step);
 }
 
 }  // namespace tempera

@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <charconv>
 #include <chrono>
@@ -21,6 +22,7 @@
 #include <thread>
 #include <vector>
 
+#include "tempera/core/grid.h"
 #include "tempera/core/log.h"
 
 namespace tempera {
@@ -91,12 +93,11 @@ const char* const kChannelNames[kChannels] = {"R", "G", "B", "A"};
 struct Shared {
   std::mutex mutex;
   std::condition_variable changed;
-  bool stop = false;      // no more tiles will come; leave when all are sent
-  bool finished = false;  // the thread has left
-  int width = 0, height = 0;
+  bool stop = false;          // no more tiles will come; leave when all are sent
+  bool finished = false;      // the thread has left
   std::uint64_t picture = 0;  // counts changes of size: each needs a new image in the viewer
-  std::vector<float> pixels;  // [height, width, 4]
-  std::deque<Tile> dirty;     // tiles that the viewer lacks
+  Grid<std::array<float, kChannels>> pixels;
+  std::deque<Tile> dirty;  // tiles that the viewer lacks
 };
 
 /// A TCP connection whose calls give up when asked to.
@@ -152,7 +153,7 @@ class Connection {
     while (at < bytes.size()) {
       const ssize_t n = ::send(fd_, bytes.data() + at, bytes.size() - at, MSG_NOSIGNAL);
       if (n > 0) {
-        at += std::size_t(n);
+        at += n;
       } else if (n < 0 && errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR) {
         return false;
       } else if (!wait(POLLOUT) && give_up()) {
@@ -206,7 +207,7 @@ class Sender {
         if (shared_->dirty.empty() && !connection) continue;
         created = shown == shared_->picture;
         picture = shared_->picture;
-        width = shared_->width, height = shared_->height;
+        width = shared_->pixels.width(), height = shared_->pixels.height();
       }
       if (connection && connection.closed()) lost(connection, shown);
       if (!connection) {
@@ -231,7 +232,7 @@ class Sender {
         shown = picture;
         everything_is_dirty();
       }
-      send_tiles(connection, shown, width, height);
+      send_tiles(connection, shown);
       if (expired()) break;
     }
     const std::scoped_lock lock(shared_->mutex);
@@ -278,14 +279,15 @@ class Sender {
     const std::scoped_lock lock(shared_->mutex);
     shared_->dirty.clear();
     constexpr int kSide = 128;
-    for (int y = 0; y < shared_->height; y += kSide) {
-      for (int x = 0; x < shared_->width; x += kSide) {
-        shared_->dirty.push_back({x, y, std::min(x + kSide, shared_->width), std::min(y + kSide, shared_->height)});
+    const int width = shared_->pixels.width(), height = shared_->pixels.height();
+    for (int y = 0; y < height; y += kSide) {
+      for (int x = 0; x < width; x += kSide) {
+        shared_->dirty.push_back({x, y, std::min(x + kSide, width), std::min(y + kSide, height)});
       }
     }
   }
 
-  void send_tiles(Connection& connection, std::uint64_t& shown, int width, int height) {
+  void send_tiles(Connection& connection, std::uint64_t& shown) {
     for (;;) {
       std::vector<char> bytes;
       {
@@ -293,14 +295,14 @@ class Sender {
         if (shared_->dirty.empty() || shared_->picture != shown) return;
         const Tile t = shared_->dirty.front();
         shared_->dirty.pop_front();
-        bytes = tile_message(t, width, height);
+        bytes = tile_message(t);
       }
       if (!connection.send(bytes, [&] { return expired(); })) return lost(connection, shown);
     }
   }
 
   /// Pre: the mutex is held.
-  std::vector<char> tile_message(const Tile& t, int width, int /*height*/) const {
+  std::vector<char> tile_message(const Tile& t) const {
     Message m(Message::kUpdateImageV3);
     m.value(std::uint8_t(0));
     m.text(name_);
@@ -310,8 +312,9 @@ class Sender {
     for (int c = 0; c < kChannels; ++c) m.value(std::int64_t(c));
     for (int c = 0; c < kChannels; ++c) m.value(std::int64_t(kChannels));
     for (int y = t.y0; y < t.y1; ++y) {
-      const float* row = shared_->pixels.data() + (std::size_t(y) * std::size_t(width) + std::size_t(t.x0)) * kChannels;
-      for (int i = 0; i < (t.x1 - t.x0) * kChannels; ++i) m.value(row[i]);
+      for (int x = t.x0; x < t.x1; ++x) {
+        for (const float v : shared_->pixels.at(x, y)) m.value(v);
+      }
     }
     return std::move(m).finish();
   }
@@ -343,11 +346,10 @@ class TevDisplay final : public RenderObserver {
 
   void frame_begin(int, const Frame& picture, std::size_t tiles_done) override {
     const std::scoped_lock lock(shared_->mutex);
-    if (picture.width() != shared_->width || picture.height() != shared_->height) {
-      shared_->width = picture.width(), shared_->height = picture.height();
+    if (picture.width() != shared_->pixels.width() || picture.height() != shared_->pixels.height()) {
       ++shared_->picture;
       shared_->dirty.clear();
-      shared_->pixels.assign(std::size_t(shared_->width) * std::size_t(shared_->height) * kChannels, 0);
+      shared_->pixels.assign(picture.width(), picture.height());
     }
     if (tiles_done > 0) copy(picture, {0, 0, picture.width(), picture.height()});
   }
@@ -361,13 +363,12 @@ class TevDisplay final : public RenderObserver {
   /// Pre: the mutex is held.
   void copy(const Frame& picture, const Tile& tile) {
     const Image& color = picture.layer("color");
-    const auto channels = std::size_t(color.channels());
+    const int channels = color.channels();
     for (int y = tile.y0; y < tile.y1; ++y) {
       for (int x = tile.x0; x < tile.x1; ++x) {
         const float* in = color.pixel(x, y);
-        float* out =
-            shared_->pixels.data() + (std::size_t(y) * std::size_t(shared_->width) + std::size_t(x)) * kChannels;
-        for (std::size_t c = 0; c < kChannels; ++c) out[c] = c < channels ? in[c] : 1.0f;
+        std::array<float, kChannels>& out = shared_->pixels.at(x, y);
+        for (int c = 0; c < kChannels; ++c) out[c] = c < channels ? in[c] : 1.0f;
       }
     }
     // A slow viewer gets the newest pixels of a tile once, however often it changed.

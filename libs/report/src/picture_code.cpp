@@ -25,7 +25,8 @@ constexpr std::array<int, 22> kSteps{256, 192, 160, 128, 112, 96, 80, 64, 56, 48
 struct Codes {
   int width = 0, height = 0, channels = 0;
   std::vector<std::int16_t> values;
-  std::int16_t* plane(int c) { return values.data() + std::size_t(c) * std::size_t(width) * std::size_t(height); }
+  std::size_t pixels() const { return std::size_t(width) * height; }
+  std::int16_t* plane(int c) { return values.data() + pixels() * c; }
   const std::int16_t* plane(int c) const { return const_cast<Codes*>(this)->plane(c); }
 };
 
@@ -50,11 +51,11 @@ float choose_toe(const Image& image, int channels, float octaves) {
 
 /// log2(1 + |v| / toe) with the sign of v: codes are multiples of it, rounded. NaN for what is not finite.
 std::vector<float> octaves_of(const Image& image, int channels, float toe) {
-  const std::size_t n = std::size_t(image.pixels());
-  std::vector<float> out(n * std::size_t(channels));
+  const std::size_t n = image.pixels();
+  std::vector<float> out(n * channels);
   const float base = std::log2(toe);  // exact: the toe is a power of two, so that 0 becomes 0
   for (int c = 0; c < channels; ++c) {
-    float* to = out.data() + std::size_t(c) * n;
+    float* to = out.data() + n * c;
     const float* from = image.values().data() + c;
     for (std::size_t i = 0; i < n; ++i, from += image.channels()) {
       const float v = *from;
@@ -99,7 +100,7 @@ inline int expected(bool gradient, int w, int n, int nw, int ne) {
 template <class Visit>
 void predict(bool gradient, const std::int16_t* codes, int width, int height, const Visit& visit) {
   for (int y = 0; y < height; ++y) {
-    const std::size_t row = std::size_t(y) * std::size_t(width);
+    const std::size_t row = std::size_t(y) * width;
     const std::int16_t* here = codes + row;
     const std::int16_t* above = y > 0 ? here - width : nullptr;
     for (int x = 0; x < width; ++x) {
@@ -111,7 +112,7 @@ void predict(bool gradient, const std::int16_t* codes, int width, int height, co
       } else {
         prediction = expected(gradient, here[x - 1], above[x], above[x - 1], above[x + 1 < width ? x + 1 : x]);
       }
-      visit(row + std::size_t(x), prediction);
+      visit(row + x, prediction);
     }
   }
 }
@@ -119,10 +120,10 @@ void predict(bool gradient, const std::int16_t* codes, int width, int height, co
 /// Residuals of all channels as bytes: per channel the plane of low bytes, then that of high bytes. 128 is added to
 /// both halves so that small residuals of either sign have one high byte.
 std::string residual_bytes(const Codes& codes, bool gradient) {
-  const std::size_t n = std::size_t(codes.width) * std::size_t(codes.height);
-  std::string bytes(n * 2 * std::size_t(codes.channels), '\0');
+  const std::size_t n = codes.pixels();
+  std::string bytes(2 * n * codes.channels, '\0');
   for (int c = 0; c < codes.channels; ++c) {
-    char* low = bytes.data() + std::size_t(c) * 2 * n;
+    char* low = bytes.data() + 2 * n * c;
     char* high = low + n;
     const std::int16_t* plane = codes.plane(c);
     predict(gradient, plane, codes.width, codes.height, [&](std::size_t i, int prediction) {
@@ -139,7 +140,7 @@ bool gradient_is_better(const Codes& codes) {
   std::int64_t difference = 0;
   for (int c = 0; c < codes.channels; ++c) {
     for (int y = 1; y < codes.height; y += 4) {
-      const std::int16_t* here = codes.plane(c) + std::size_t(y) * std::size_t(codes.width);
+      const std::int16_t* here = codes.plane(c) + std::size_t(y) * codes.width;
       const std::int16_t* above = here - codes.width;
       for (int x = 1; x + 1 < codes.width; ++x) {
         const auto miss = [&](bool gradient) {
@@ -229,7 +230,7 @@ EncodedPicture encode_picture(const Image& image, const EncodeOptions& options) 
 EncodedPicture encode_vectors(const Image& vectors) {
   check_size(vectors);
   TEMPERA_ASSERT(vectors.channels() >= 2);
-  const std::size_t n = std::size_t(vectors.pixels());
+  const std::size_t n = vectors.pixels();
   Codes codes{vectors.width(), vectors.height(), 2, std::vector<std::int16_t>(n * 2)};
   std::int16_t* x = codes.plane(0);
   std::int16_t* y = codes.plane(1);
@@ -252,8 +253,8 @@ EncodedPicture encode_vectors(const Image& vectors) {
 
 Image decode_picture(const EncodedPicture& picture, int width, int height) {
   Codes codes{width, height, picture.channels, {}};
-  const std::size_t n = std::size_t(width) * std::size_t(height);
-  codes.values.resize(n * std::size_t(picture.channels));
+  const std::size_t n = codes.pixels();
+  codes.values.resize(n * picture.channels);
   std::string bytes(codes.values.size() * 2, '\0');
   uLongf size = uLongf(bytes.size());
   const int status = uncompress(reinterpret_cast<Bytef*>(bytes.data()), &size,
@@ -262,7 +263,7 @@ Image decode_picture(const EncodedPicture& picture, int width, int height) {
     throw Error(ErrorCode::kBadInput, fmt::format("a block of a report does not hold {}x{} pixels", width, height));
   }
   for (int c = 0; c < picture.channels; ++c) {
-    const char* low = bytes.data() + std::size_t(c) * 2 * n;
+    const char* low = bytes.data() + 2 * n * c;
     const char* high = low + n;
     std::int16_t* plane = codes.plane(c);
     predict(picture.gradient, plane, width, height, [&](std::size_t i, int prediction) {

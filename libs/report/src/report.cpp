@@ -102,8 +102,8 @@ Image scaled_vectors(const Image& vectors, int width, int height) {
   const float sx = float(width) / float(vectors.width()), sy = float(height) / float(vectors.height());
   for (int y = 0; y < height; ++y) {
     for (int x = 0; x < width; ++x) {
-      const float* from = vectors.pixel(std::min(int((float(x) + 0.5f) / sx), vectors.width() - 1),
-                                        std::min(int((float(y) + 0.5f) / sy), vectors.height() - 1));
+      const int from_x = int((float(x) + 0.5f) / sx), from_y = int((float(y) + 0.5f) / sy);
+      const float* from = vectors.pixel(std::min(from_x, vectors.width() - 1), std::min(from_y, vectors.height() - 1));
       float* to = out.pixel(x, y);
       std::copy(from, from + vectors.channels(), to);
       to[0] *= sx, to[1] *= sy;
@@ -290,8 +290,8 @@ struct ReportWriter::Impl {
   Image reduced(const Image& image) {
     if (width == 0) {
       source_width = image.width(), source_height = image.height();
-      width = std::max(1, int(std::lround(source_width * options.scale)));
-      height = std::max(1, int(std::lround(source_height * options.scale)));
+      const auto scaled = [&](int size) { return std::max(1, int(std::lround(size * options.scale))); };
+      width = scaled(source_width), height = scaled(source_height);
       const double pixels = double(pictures) * width * height;
       precision = std::clamp(options.room / (pixels * options.picture_bytes), 1.0, 2.5);
     }
@@ -520,10 +520,10 @@ std::int64_t ReportWriter::finish(const CompareResult& result) {
     const std::string_view name = rest.substr(open + 2, close - open - 2);
     if (name == "blocks") {
       std::ifstream in(d.spool_file.path(), std::ios::binary);
-      std::string chunk(std::size_t(1) << 20, '\0');
+      std::string chunk(1 << 20, '\0');
       std::int64_t left = d.spool.size();
       while (left > 0 && in.read(chunk.data(), std::min<std::int64_t>(left, std::int64_t(chunk.size())))) {
-        out.write(std::string_view(chunk).substr(0, std::size_t(in.gcount())));
+        out.write(std::string_view(chunk).substr(0, in.gcount()));
         left -= in.gcount();
       }
       if (left > 0) {

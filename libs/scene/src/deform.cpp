@@ -16,7 +16,7 @@ MeshPose mesh_pose(const Scene& scene, const Mesh& mesh, int node, double t, dou
   if (!mesh.morph_targets.empty()) pose.morph_weights = mesh.morph_weights.at(t, piece);
   if (mesh.cache.samples) {
     const std::vector<double>& times = mesh.cache.samples->times();
-    const auto after = std::size_t(std::upper_bound(times.begin(), times.end(), t) - times.begin());
+    const std::size_t after = std::upper_bound(times.begin(), times.end(), t) - times.begin();
     pose.cache_index = after == 0 ? 0 : after - 1;
     if (after > 0 && after < times.size()) {
       pose.cache_blend = float((t - times[after - 1]) / (times[after] - times[after - 1]));
@@ -28,8 +28,8 @@ MeshPose mesh_pose(const Scene& scene, const Mesh& mesh, int node, double t, dou
 /// Sum of the joint matrices of a vertex by weight [glTF 2.0, 3.7.3.3].
 static Affine3f skin_matrix(const Mesh& mesh, const MeshPose& pose, std::uint32_t vertex) {
   Affine3f m{{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
-  const std::size_t first = std::size_t(vertex) * std::size_t(mesh.skin.influences);
-  for (std::size_t i = first; i < first + std::size_t(mesh.skin.influences); ++i) {
+  const std::size_t count = mesh.skin.influences, first = count * vertex;
+  for (std::size_t i = first; i < first + count; ++i) {
     const float w = mesh.skin.weights[i];
     if (w == 0) continue;
     const Affine3f& j = pose.joints[mesh.skin.indices[i]];
@@ -42,7 +42,7 @@ static Affine3f skin_matrix(const Mesh& mesh, const MeshPose& pose, std::uint32_
 static Vec3f base_position(const Mesh& mesh, const MeshPose& pose, std::uint32_t vertex) {
   const CachedPositions& c = mesh.cache;
   if (!c.samples) return mesh.positions[vertex];
-  const std::size_t v = c.vertices.empty() ? std::size_t(c.first_vertex) + vertex : c.vertices[vertex];
+  const std::size_t v = c.vertices.empty() ? c.first_vertex + vertex : c.vertices[vertex];
   Vec3f p = c.samples->position(pose.cache_index, v);
   if (pose.cache_blend != 0) p = lerp(p, c.samples->position(pose.cache_index + 1, v), pose.cache_blend);
   return c.mesh_from_cache.point(p);

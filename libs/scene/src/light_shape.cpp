@@ -11,7 +11,7 @@
 namespace tempera {
 
 void make_sphere_light(Scene& scene, int index, float radius, bool camera_visible) {
-  auto light = std::make_shared<PunctualLight>(scene.lights.at(std::size_t(index)));
+  auto light = std::make_shared<PunctualLight>(scene.lights.at(index));
   TEMPERA_ASSERT(radius > 0 && (light->type == LightType::kPoint || light->type == LightType::kSpot));
   scene.lights.erase(scene.lights.begin() + index);
 

@@ -51,16 +51,16 @@ class Validator {
     for (const Shape& s : scene_.shapes) check_shape(s);
     for (const auto& group : scene_.groups) {
       for (const int s : group)
-        require(s >= 0 && s < int(scene_.shapes.size()), "group", "", "refers to a missing shape");
+        require(s >= 0 && s < std::ssize(scene_.shapes), "group", "", "refers to a missing shape");
     }
     for (const Instance& i : scene_.instances) {
-      require(i.group >= 0 && i.group < int(scene_.groups.size()), "instance", i.name, "refers to a missing group");
+      require(i.group >= 0 && i.group < std::ssize(scene_.groups), "instance", i.name, "refers to a missing group");
       check_node(i.node, "instance", i.name);
     }
     for (const PunctualLight& l : scene_.lights) check_node(l.node, "light", l.name);
     for (const Environment& e : scene_.environments) {
       check_node(e.node, "environment", e.name);
-      require(e.image.size() == std::size_t(e.width) * std::size_t(e.height), "environment", e.name,
+      require(std::ssize(e.image) == std::int64_t(e.width) * e.height, "environment", e.name,
               "has an image that does not fit its size");
       require(std::all_of(e.image.begin(), e.image.end(), [](const Rgb& c) { return is_finite(c); }), "environment",
               e.name, "has pixels that are not finite");
@@ -79,7 +79,7 @@ class Validator {
                 name.empty() ? fmt::format("a {} {}", kind, what) : fmt::format("{} \"{}\" {}", kind, name, what));
   }
   void check_node(int node, const char* kind, const std::string& name) const {
-    require(node >= -1 && node < int(scene_.nodes.size()), kind, name, "refers to a missing node");
+    require(node >= -1 && node < std::ssize(scene_.nodes), kind, name, "refers to a missing node");
   }
 
   void check_shape(const Shape& s) const {
@@ -111,7 +111,7 @@ class Validator {
     require(m->morph_targets.empty() || !m->morph_weights.values().empty(), "mesh", s.name, "has no morph weights");
     const Skin& skin = m->skin;
     if (!skin.joints.empty()) {
-      const std::size_t total = n * std::size_t(std::max(skin.influences, 0));
+      const std::size_t total = n * std::max(skin.influences, 0);
       require(skin.influences > 0 && skin.indices.size() == total && skin.weights.size() == total, "mesh", s.name,
               "has skin weights that do not fit its vertices");
       require(std::all_of(skin.indices.begin(), skin.indices.end(), [&](auto j) { return j < skin.joints.size(); }),

@@ -21,7 +21,7 @@ namespace tempera {
 namespace {
 
 constexpr std::size_t kVertexBytes = 3 * sizeof(float);
-constexpr std::size_t kBlock = std::size_t(4) << 20;  // bytes, of whole pages
+constexpr std::size_t kBlock = 4 << 20;  // bytes, of whole pages
 
 template <class T>
 T load(const std::byte* at, bool swap) {
@@ -64,7 +64,7 @@ std::shared_ptr<VertexCache> VertexCache::open(const std::filesystem::path& file
   if (fd < 0) throw bad(fmt::format("cannot be read: {}", std::strerror(errno)));
   struct ::stat status {};
   const bool regular = ::fstat(fd, &status) == 0 && S_ISREG(status.st_mode);
-  const std::size_t size = regular ? std::size_t(status.st_size) : 0;
+  const std::size_t size = regular ? status.st_size : 0;
   void* mapping = size > 0 ? ::mmap(nullptr, size, PROT_READ, MAP_SHARED, fd, 0) : MAP_FAILED;
   const int error = errno;
   ::close(fd);
@@ -129,9 +129,9 @@ void VertexCache::check(const SourceLoc& loc, const std::string& name) {
   const std::size_t blocks = (mapping_size_ + kBlock - 1) / kBlock;
   std::vector<std::uint64_t> hashes(blocks);
   std::atomic<std::size_t> first_bad{std::numeric_limits<std::size_t>::max()};  // float of data_
-  const auto header = std::size_t(data_ - bytes);
+  const std::size_t header = data_ - bytes;
   parallel_for(0, std::int64_t(blocks), [&](std::int64_t block) {
-    const std::size_t begin = std::size_t(block) * kBlock, end = std::min(begin + kBlock, mapping_size_);
+    const std::size_t begin = block * kBlock, end = std::min(begin + kBlock, mapping_size_);
     std::uint64_t h = hash_key(end - begin, 0);
     for (std::size_t at = begin; at < end; at += 8) {
       std::uint64_t word = 0;

@@ -38,7 +38,7 @@ struct AlbedoPlace {
     x = std::sqrt(std::min(1.0f, std::abs(cosine))) * kLast;  // 1 for what is no number
     y = std::sqrt(std::max(0.0f, std::min(1.0f, alpha))) * kLast;
     const int column = std::min(int(x), kLast - 1), row = std::min(int(y), kLast - 1);
-    i = std::size_t(column), j = std::size_t(row);
+    i = column, j = row;
     x -= float(column), y -= float(row);
   }
 };

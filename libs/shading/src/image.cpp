@@ -15,6 +15,7 @@
 #include <mutex>
 
 #include "file_color_space.h"
+#include "tempera/core/grid.h"
 #include "tempera/core/log.h"
 
 namespace tempera {
@@ -51,7 +52,7 @@ int channels_of(TexelFormat f) {
   return f == TexelFormat::kByte1 || f == TexelFormat::kHalf1 || f == TexelFormat::kFloat1 ? 1 : 4;
 }
 std::size_t bytes_of(TexelFormat f) {
-  const std::size_t channels = std::size_t(channels_of(f));
+  const std::size_t channels = channels_of(f);
   if (f == TexelFormat::kByte1 || f == TexelFormat::kByte4) return channels;
   return f == TexelFormat::kHalf1 || f == TexelFormat::kHalf4 ? 2 * channels : 4 * channels;
 }
@@ -91,7 +92,7 @@ class DecodedImage final : public Image {
 
   void reserve(int w, int h, TexelFormat f) {
     width = w, height = h, format = f;
-    size_ = std::size_t(w) * std::size_t(h) * bytes_of(f);
+    size_ = bytes_of(f) * w * h;
     image_bytes += size_;
     texels_.resize((size_ + 3) / 4);
     data = texels_.data();
@@ -100,7 +101,7 @@ class DecodedImage final : public Image {
 
   /// Level 0, decoded.
   Texel texel(int x, int y) const {
-    const std::size_t i = std::size_t(y) * std::size_t(width) + std::size_t(x);
+    const std::size_t i = std::size_t(y) * width + x;
     const auto* bytes = static_cast<const std::uint8_t*>(data);
     const auto* halves = static_cast<const std::uint16_t*>(data);
     const auto* floats = static_cast<const float*>(data);
@@ -141,14 +142,13 @@ class DecodedImage final : public Image {
 
   /// Halves the size until 1 x 1 by area-weighted means, so that odd sizes keep their mean too.
   void make_levels() {
-    int w = width, h = height;
-    std::vector<Texel> now(std::size_t(w) * std::size_t(h));
-    for (int y = 0; y < h; ++y)
-      for (int x = 0; x < w; ++x) now[std::size_t(y) * std::size_t(w) + std::size_t(x)] = texel(x, y);
-    while (w > 1 || h > 1) {
-      const int nw = std::max(w / 2, 1), nh = std::max(h / 2, 1);
+    Grid<Texel> now(width, height);
+    for (int y = 0; y < height; ++y)
+      for (int x = 0; x < width; ++x) now.at(x, y) = texel(x, y);
+    while (now.size() > 1) {
+      const int w = now.width(), h = now.height(), nw = std::max(w / 2, 1), nh = std::max(h / 2, 1);
       const double sx = double(w) / nw, sy = double(h) / nh;
-      std::vector<Texel> next(std::size_t(nw) * std::size_t(nh));
+      Grid<Texel> next(nw, nh);
       Level level{nw, nh, std::vector<std::uint16_t>(next.size() * 4)};
       for (int y = 0; y < nh; ++y)
         for (int x = 0; x < nw; ++x) {
@@ -158,15 +158,14 @@ class DecodedImage final : public Image {
             for (int i = int(x0); i < std::min(int(std::ceil(x1)), w); ++i) {
               const double area =
                   (std::min(x1, i + 1.0) - std::max(x0, double(i))) * (std::min(y1, j + 1.0) - std::max(y0, double(j)));
-              sum = sum + now[std::size_t(j) * std::size_t(w) + std::size_t(i)] * float(area / (sx * sy));
+              sum = sum + now.at(i, j) * float(area / (sx * sy));
             }
-          const std::size_t k = std::size_t(y) * std::size_t(nw) + std::size_t(x);
+          const std::size_t k = next.index(x, y);
           next[k] = sum;
           for (std::size_t c = 0; c < 4; ++c) level.texels[4 * k + c] = float_to_half(sum.c[c]);
         }
       levels.push_back(std::move(level));
       now = std::move(next);
-      w = nw, h = nh;
     }
   }
 
@@ -228,10 +227,9 @@ class PagedImage final : public Image {
     OIIO::TypeDesc type;
     const void* texels = tile ? cache_->tile_pixels(tile, type) : nullptr;
     for (int i = 0; i < w * h; ++i) {
-      const std::size_t at =
-          std::size_t((y % page.tile_height + i / w) * page.tile_width + x % page.tile_width + i % w);
+      const std::size_t at = (y % page.tile_height + i / w) * page.tile_width + x % page.tile_width + i % w;
       // A file may break after its header was read: black then, as there is nobody to tell in a lookup.
-      out[i] = texels ? decode(texels, type, at * std::size_t(spec_.nchannels)) : Texel{};
+      out[i] = texels ? decode(texels, type, at * spec_.nchannels) : Texel{};
     }
     if (tile)
       cache_->release_tile(tile);
@@ -243,15 +241,15 @@ class PagedImage final : public Image {
 
   Texel mean() const override {
     std::call_once(mean_once_, [this] {
-      const auto n = std::size_t(spec_.nchannels);
-      std::vector<float> row(std::size_t(width) * n);
+      const std::size_t n = spec_.nchannels;
+      std::vector<float> row(n * width);
       double sum[4] = {};
       for (int y = 0; y < height; ++y) {
         if (!cache_->get_pixels(handle_, nullptr, 0, 0, spec_.x, spec_.x + width, spec_.y + y, spec_.y + y + 1, 0, 1, 0,
                                 spec_.nchannels, OIIO::TypeFloat, row.data()))
           continue;
         for (int x = 0; x < width; ++x) {
-          const Texel t = decode(row.data(), OIIO::TypeFloat, std::size_t(x) * n);
+          const Texel t = decode(row.data(), OIIO::TypeFloat, n * x);
           for (int c = 0; c < 4; ++c) sum[c] += double(t.c[c]);
         }
       }
@@ -274,7 +272,7 @@ class PagedImage final : public Image {
         continue;
       }
       if (k < 0) k = channels_.index[0];
-      const std::size_t at = first + std::size_t(k);
+      const std::size_t at = first + k;
       const bool encoded = srgb && c < 3;
       if (type == OIIO::TypeUInt8) {
         t.c[c] = byte_table(encoded)[static_cast<const std::uint8_t*>(texels)[at]];
@@ -372,7 +370,7 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
   const TexelFormat format = is_byte   ? (gray ? TexelFormat::kByte1 : TexelFormat::kByte4)
                              : is_half ? (gray ? TexelFormat::kHalf1 : TexelFormat::kHalf4)
                                        : (gray ? TexelFormat::kFloat1 : TexelFormat::kFloat4);
-  const std::size_t count = std::size_t(spec.width) * std::size_t(spec.height);
+  const std::size_t count = spec.image_pixels();
   const std::size_t bytes = count * bytes_of(format) + (request.mipmap ? count * 8 / 3 : 0);
   if (image_bytes + bytes > image_budget && request.encoded.empty()) {
     input->close();
@@ -391,14 +389,13 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
   auto image = std::make_shared<DecodedImage>();
   image->srgb = srgb && is_byte;
   image->reserve(spec.width, spec.height, format);
-  const std::size_t n = std::size_t(spec.nchannels), out = std::size_t(channels_of(format));
-  const int block =
-      spec.tile_width ? spec.tile_height : std::clamp(int(std::size_t(1 << 22) / (std::size_t(spec.width) * n)), 1, 64);
+  const std::size_t n = spec.nchannels, out = channels_of(format), row_values = n * spec.width;
+  const int block = spec.tile_width ? spec.tile_height : int(std::clamp<std::size_t>((1 << 22) / row_values, 1, 64));
   std::vector<std::uint8_t> byte_row;
   std::vector<float> float_row;
   for (int y = 0; y < spec.height; y += block) {
     const int end = std::min(y + block, spec.height);
-    const std::size_t values = std::size_t(end - y) * std::size_t(spec.width) * n;
+    const std::size_t values = row_values * (end - y);
     void* target;
     if (is_byte)
       byte_row.resize(values), target = byte_row.data();
@@ -410,18 +407,17 @@ std::shared_ptr<const Image> read(const ImageRequest& request, const SourceLoc& 
                                             spec.nchannels, type, target)
                         : input->read_scanlines(0, 0, spec.y + y, spec.y + end, 0, 0, spec.nchannels, type, target);
     if (!ok) throw bad(input->geterror());
-    const std::size_t first = std::size_t(y) * std::size_t(spec.width);
+    const std::size_t first = std::size_t(y) * spec.width;
     for (std::size_t i = 0; i < values / n; ++i) {
       float texel[4];
       for (std::size_t c = 0; c < 4; ++c) {
         const int from = channels.index[c] >= 0 ? channels.index[c] : c < 3 ? channels.index[0] : -1;
         if (!is_byte) {
-          float v = from < 0 ? 1 : float_row[i * n + std::size_t(from)];
+          float v = from < 0 ? 1 : float_row[i * n + from];
           if (!is_usable(v, request.keep_negative)) v = 0, image->repaired = true;
           texel[c] = srgb && c < 3 ? srgb_to_linear(v) : v;
         } else if (c < out) {
-          static_cast<std::uint8_t*>(image->texels())[(first + i) * out + c] =
-              from < 0 ? 255 : byte_row[i * n + std::size_t(from)];
+          static_cast<std::uint8_t*>(image->texels())[(first + i) * out + c] = from < 0 ? 255 : byte_row[i * n + from];
         }
       }
       if (is_byte) continue;

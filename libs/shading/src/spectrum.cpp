@@ -41,7 +41,7 @@ Rgb integrate(F&& value, bool d65) {
   for (int i = 0; i < kSteps; ++i) {
     const double w = kCieMin + (kCieMax - kCieMin) * i / (kSteps - 1);
     const double at = (w - kCieMin) / (kCieMax - kCieMin) * (kCieSamples - 1);
-    const auto k = std::size_t(std::min(int(at), kCieSamples - 2));
+    const std::size_t k = std::min(int(at), kCieSamples - 2);
     const double s = at - double(k);
     const auto between = [&](double a, double b) { return a + s * (b - a); };
     double v = value(w);

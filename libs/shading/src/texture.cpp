@@ -154,7 +154,7 @@ class ImageTexture final : public Texture {
     } else if (level == 0) {
       w = image_->width, h = image_->height;
     } else {
-      const Image::Level& l = image_->levels[std::size_t(level) - 1];
+      const Image::Level& l = image_->levels[level - 1];
       w = l.width, h = l.height;
     }
   }
@@ -165,8 +165,8 @@ class ImageTexture final : public Texture {
       image_->page_block(level, x, y, 1, 1, &t);
       return t;
     } else {
-      const std::size_t i = std::size_t(y) * std::size_t(width) + std::size_t(x);
-      return level == 0 ? source_.at(i) : Half4(image_->levels[std::size_t(level) - 1].texels.data()).at(i);
+      const std::size_t i = std::size_t(y) * width + x;
+      return level == 0 ? source_.at(i) : Half4(image_->levels[level - 1].texels.data()).at(i);
     }
   }
 
@@ -175,8 +175,9 @@ class ImageTexture final : public Texture {
     size_of(level, w, h);
     const float x = uv.x * float(w) - 0.5f, y = uv.y * float(h) - 0.5f;  // texel centres lie at half integers
     const float x0 = std::floor(x), y0 = std::floor(y);
-    const int i0 = wrap_index(int(x0), w, p_.wrap_u), i1 = wrap_index(int(x0) + 1, w, p_.wrap_u);
-    const int j0 = wrap_index(int(y0), h, p_.wrap_v), j1 = wrap_index(int(y0) + 1, h, p_.wrap_v);
+    const int i = int(x0), j = int(y0);
+    const int i0 = wrap_index(i, w, p_.wrap_u), i1 = wrap_index(i + 1, w, p_.wrap_u);
+    const int j0 = wrap_index(j, h, p_.wrap_v), j1 = wrap_index(j + 1, h, p_.wrap_v);
     if constexpr (std::is_same_v<Source, Pages>)
       if (i1 == i0 + 1 && j1 == j0 + 1 && i0 >= 0 && j0 >= 0) {  // one visit to the cache instead of four
         Texel t[4];

@@ -148,31 +148,31 @@ CosineTransform::CosineTransform(int length) : n_(length) {
   padded_ = 1;
   while (padded_ < 2 * n_ - 1) padded_ *= 2;
   plan_ = make_plan(padded_);
-  std::vector<float> a(std::size_t(padded_) * kLanes), b(a.size());
+  std::vector<float> a(padded_ * kLanes), b(a.size());
   for (int k = 0; k < n_; ++k) {
     const double angle = unit_angle(static_cast<long long>(k) * k, 2LL * n_);
     chirp_.push_back({float(std::cos(angle)), float(-std::sin(angle))});
     for (const int at : {k, (padded_ - k) % padded_}) {
-      a[std::size_t(at) * kLanes] = float(std::cos(angle));
-      a[std::size_t(at) * kLanes + kHalf] = float(std::sin(angle));
+      a[at * kLanes] = float(std::cos(angle));
+      a[at * kLanes + kHalf] = float(std::sin(angle));
     }
   }
   const float* f = stages(plan_, a.data(), b.data());
   for (int k = 0; k < padded_; ++k) {
     const float scale = 1.0f / float(padded_);
-    filter_.push_back({scale * f[std::size_t(k) * kLanes], scale * f[std::size_t(k) * kLanes + kHalf]});
+    filter_.push_back({scale * f[k * kLanes], scale * f[k * kLanes + kHalf]});
   }
 }
 
 void CosineTransform::fourier(float* data, float* work) const {
-  const std::size_t values = std::size_t(n_) * kLanes;
+  const int values = n_ * kLanes;
   if (padded_ == 0) {
     const float* result = stages(plan_, data, work);
     if (result != data) std::copy_n(result, values, data);
     return;
   }
   // A product with a chirp, a cyclic convolution with its conjugate, and a product again.
-  float *a = work, *b = work + std::size_t(padded_) * kLanes;
+  float *a = work, *b = work + padded_ * kLanes;
   for (int k = 0; k < n_; ++k) store(a + k * kLanes, times(chirp_[k], load(data + k * kLanes)));
   std::fill(a + values, b, 0.0f);
   float* f = stages(plan_, a, b);
@@ -187,8 +187,8 @@ void CosineTransform::fourier(float* data, float* work) const {
 }
 
 void CosineTransform::forward(float* data, Scratch& scratch) const {
-  const std::size_t values = std::size_t(n_) * kLanes;
-  scratch.resize(values + std::max<std::size_t>(values, 2 * std::size_t(padded_) * kLanes));
+  const int values = n_ * kLanes;
+  scratch.resize(values + std::max(values, 2 * padded_ * kLanes));
   float *v = scratch.data(), *work = v + values;
   for (int k = 0; 2 * k < n_; ++k) std::copy_n(data + 2 * k * kLanes, kLanes, v + k * kLanes);
   for (int k = 0; 2 * k + 1 < n_; ++k) std::copy_n(data + (2 * k + 1) * kLanes, kLanes, v + (n_ - 1 - k) * kLanes);
@@ -206,8 +206,8 @@ void CosineTransform::forward(float* data, Scratch& scratch) const {
 }
 
 void CosineTransform::inverse(float* data, Scratch& scratch) const {
-  const std::size_t values = std::size_t(n_) * kLanes;
-  scratch.resize(values + std::max<std::size_t>(values, 2 * std::size_t(padded_) * kLanes));
+  const int values = n_ * kLanes;
+  scratch.resize(values + std::max(values, 2 * padded_ * kLanes));
   float *v = scratch.data(), *work = v + values;
   const float first = float(std::sqrt(1.0 / n_)), rest = float(std::sqrt(0.5 / n_));
   store_exchanged(v, first * load(data));

@@ -7,30 +7,23 @@
 
 namespace tempera {
 
-PixelMap::PixelMap(int width, int height)
-    : width_(width),
-      height_(height),
-      forward_(std::size_t(width) * std::size_t(height), -1),
-      backward_(forward_.size(), -1) {}
+PixelMap::PixelMap(int width, int height) : forward_(width, height, -1), backward_(width, height, -1) {}
 
 bool PixelMap::link(int from_x, int from_y, int to_x, int to_y) {
-  const auto inside = [&](int x, int y) { return x >= 0 && y >= 0 && x < width_ && y < height_; };
+  const auto inside = [&](int x, int y) { return x >= 0 && y >= 0 && x < width() && y < height(); };
   if (!inside(from_x, from_y) || !inside(to_x, to_y)) return false;
-  std::int32_t &to = forward_[index(from_x, from_y)], &from = backward_[index(to_x, to_y)];
+  std::int32_t &to = forward_.at(from_x, from_y), &from = backward_.at(to_x, to_y);
   if (to >= 0 || from >= 0) return false;
-  to = std::int32_t(index(to_x, to_y)), from = std::int32_t(index(from_x, from_y));
+  to = std::int32_t(forward_.index(to_x, to_y)), from = std::int32_t(forward_.index(from_x, from_y));
   ++count_;
   return true;
 }
 
-MotionRuns::MotionRuns(const PixelMap& motion, const MotionRunOptions& options,
-                       std::span<const std::uint8_t> sampled_next)
+MotionRuns::MotionRuns(const PixelMap& motion, const MotionRunOptions& options, const Grid<std::uint8_t>& sampled_next)
     : count_(motion.count()) {
   const int w = motion.width(), h = motion.height();
-  TEMPERA_ASSERT(sampled_next.empty() || sampled_next.size() == std::size_t(w) * std::size_t(h));
-  const auto sampled = [&](int x, int y) {
-    return sampled_next.empty() || sampled_next[std::size_t(y) * std::size_t(w) + std::size_t(x)] != 0;
-  };
+  TEMPERA_ASSERT(sampled_next.empty() || (sampled_next.width() == w && sampled_next.height() == h));
+  const auto sampled = [&](int x, int y) { return sampled_next.empty() || sampled_next.at(x, y) != 0; };
   // [Manzi 2016, Eq. 3]: the mixed difference of i uses the neighbour of phi(i), not phi of the neighbour of i.
   const auto mixed = [&](int x, int y, const Vec2<int>& to, int ex, int ey) {
     if (!options.mixed || x + ex >= w || y + ey >= h || to.x + ex >= w || to.y + ey >= h) return false;
@@ -67,9 +60,9 @@ MotionRuns::MotionRuns(const PixelMap& motion, const MotionRunOptions& options,
   std::sort(to_.begin(), to_.end(), [](const MotionRun& a, const MotionRun& b) {
     return a.y + a.dy != b.y + b.dy ? a.y + a.dy < b.y + b.dy : a.x + a.dx < b.x + b.dx;
   });
-  to_begin_.assign(std::size_t(h) + 1, 0);
-  for (const MotionRun& r : to_) ++to_begin_[std::size_t(r.y + r.dy) + 1];
-  for (std::size_t y = 0; y < std::size_t(h); ++y) to_begin_[y + 1] += to_begin_[y];
+  to_begin_.assign(h + 1, 0);
+  for (const MotionRun& r : to_) ++to_begin_[r.y + r.dy + 1];
+  for (int y = 0; y < h; ++y) to_begin_[y + 1] += to_begin_[y];
   const bool still = std::all_of(from_.begin(), from_.end(), [](const MotionRun& r) { return r.dx == 0 && r.dy == 0; });
   identity_ = still && count_ == std::int64_t(w) * h;
 }

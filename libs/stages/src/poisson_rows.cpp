@@ -7,7 +7,7 @@ namespace tempera {
 
 FlatWindow::FlatWindow(std::span<const PoissonFrame* const> window)
     : width(window[0]->width()), height(window[0]->height()), frames(int(window.size())) {
-  const auto n = std::size_t(width) * std::size_t(height) * std::size_t(frames);
+  const std::size_t n = std::size_t(width) * height * frames;
   forward.assign(n, -1);
   backward.assign(n, -1);
   mixed.assign(n, 0);
@@ -25,8 +25,8 @@ FlatWindow::FlatWindow(std::span<const PoissonFrame* const> window)
       }
     }
   }
-  data.assign(std::size_t(kRowSets) * n * 3, 0.0f);
-  if (window[0]->has_precision()) precision.assign(std::size_t(kRowSets) * n, 0.0f);
+  data.assign(3 * n * kRowSets, 0.0f);
+  if (window[0]->has_precision()) precision.assign(n * kRowSets, 0.0f);
   const FlatRows flat = rows();
   parallel_for(0, std::int64_t(frames) * height, [&](std::int64_t line) {
     const int t = int(line / height), y = int(line % height);
@@ -35,9 +35,9 @@ FlatWindow::FlatWindow(std::span<const PoissonFrame* const> window)
       const RowSet set{s};
       for (int x = 0; x < width; ++x) {
         const int g = number(t, y, x);
-        const std::size_t row = std::size_t(s) * n + std::size_t(g);
+        const std::size_t row = s * n + g;
         if (!flat.exists(set, g)) continue;
-        for (int c = 0; c < 3; ++c) data[3 * row + std::size_t(c)] = f.data(set, y, c)[x];
+        for (int c = 0; c < 3; ++c) data[3 * row + c] = f.data(set, y, c)[x];
         if (!precision.empty()) precision[row] = to_float(f.precision(set, y)[x]);
       }
     }

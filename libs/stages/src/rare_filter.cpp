@@ -22,29 +22,26 @@ constexpr float kLeastAlbedo = 0.02f;
 constexpr double kLeastLight = 1e-3;  ///< of the mean light
 constexpr float kFar = 20;            ///< exponents beyond it count for nothing
 
-std::size_t pixel_index(int x, int y, int w) { return std::size_t(y) * std::size_t(w) + std::size_t(x); }
-
 /// Two passes of a binomial filter of width 3 over x and y.
-std::vector<float> smooth_twice(std::vector<float> values, int w, int h) {
-  std::vector<float> rows(values.size());
+Grid<float> smooth_twice(Grid<float> values) {
+  const int w = values.width(), h = values.height();
+  Grid<float> rows(w, h);
   for (int pass = 0; pass < 2; ++pass) {
-    parallel_for(
+    parallel_rows(
         0, h,
-        [&](std::int64_t y) {
-          const float* from = values.data() + pixel_index(0, int(y), w);
-          float* to = rows.data() + pixel_index(0, int(y), w);
+        [&](int y) {
+          const float* from = values.row(y).data();
+          float* to = rows.row(y).data();
           for (int x = 0; x < w; ++x)
             to[x] = 0.25f * (from[std::max(0, x - 1)] + 2 * from[x] + from[std::min(w - 1, x + 1)]);
         },
         16);
-    parallel_for(
+    parallel_rows(
         0, h,
-        [&](std::int64_t row) {
-          const int y = int(row);
-          const float *above = rows.data() + pixel_index(0, std::max(0, y - 1), w),
-                      *here = rows.data() + pixel_index(0, y, w),
-                      *below = rows.data() + pixel_index(0, std::min(h - 1, y + 1), w);
-          float* to = values.data() + pixel_index(0, y, w);
+        [&](int y) {
+          const float *above = rows.row(std::max(0, y - 1)).data(), *here = rows.row(y).data(),
+                      *below = rows.row(std::min(h - 1, y + 1)).data();
+          float* to = values.row(y).data();
           for (int x = 0; x < w; ++x) to[x] = 0.25f * (above[x] + 2 * here[x] + below[x]);
         },
         16);
@@ -69,18 +66,18 @@ RareFilter::RareFilter(std::span<const RareFrame* const> frames, const PlanarFra
     : frames_(frames), solution_(solution) {
   if (dark()) return;
   const int w = solution.width(), h = solution.height(), n = solution.frames();
-  std::vector<double> rows(std::size_t(n) * std::size_t(h));
+  Grid<double> sums(h, n);
   parallel_for(
-      0, std::int64_t(rows.size()),
+      0, std::int64_t(sums.size()),
       [&](std::int64_t i) {
         const int t = int(i / h), y = int(i % h);
         const float *r = solution.row(t, y, 0), *g = solution.row(t, y, 1), *b = solution.row(t, y, 2);
         double sum = 0;
         for (int x = 0; x < w; ++x) sum += double(luminance(Rgb(r[x], g[x], b[x])));
-        rows[i] = sum;
+        sums[i] = sum;
       },
       16);
-  for (const double sum : rows) mean_ += sum / (double(w) * double(h) * double(n));
+  for (const double sum : sums) mean_ += sum / (double(w) * double(h) * double(n));
 }
 
 bool RareFilter::dark() const {
@@ -90,17 +87,16 @@ bool RareFilter::dark() const {
 RareFilter::Guides RareFilter::make_guides(int t) const {
   const RareFrame& f = *frames_[t];
   const int w = solution_.width(), h = solution_.height();
-  Guides out(std::size_t(w) * std::size_t(h));
-  std::array<std::vector<float>, 2> rare{std::vector<float>(out.size()), std::vector<float>(out.size())};
-  std::vector<float> common(out.size());
+  Guides out(w, h);
+  std::array<Grid<float>, 2> rare{Grid<float>(w, h), Grid<float>(w, h)};
+  Grid<float> common(w, h);
   const float least = std::max(1e-20f, float(kLeastLight * mean_));
-  parallel_for(
+  parallel_rows(
       0, h,
-      [&](std::int64_t row) {
-        const int y = int(row);
+      [&](int y) {
         const float *r = solution_.row(t, y, 0), *g = solution_.row(t, y, 1), *b = solution_.row(t, y, 2);
         for (int x = 0; x < w; ++x) {
-          const std::size_t i = pixel_index(x, y, w);
+          const std::size_t i = out.index(x, y);
           Guide& guide = out[i];
           const Rgb albedo = albedo_of(f, x, y);
           for (std::size_t k = 0; k < 2; ++k) {
@@ -117,12 +113,14 @@ RareFilter::Guides RareFilter::make_guides(int t) const {
       },
       8);
   for (std::size_t k = 0; k < 2; ++k) {
-    const std::vector<float> smoothed = smooth_twice(std::move(rare[k]), w, h);
-    parallel_for(
+    const Grid<float> smoothed = smooth_twice(std::move(rare[k]));
+    parallel_rows(
         0, h,
-        [&](std::int64_t y) {
-          for (std::size_t i = pixel_index(0, int(y), w), end = i + std::size_t(w); i < end; ++i)
-            out[i].brightness[k] = std::log(std::max(0.0f, smoothed[i]) + kFloor * common[i]) / kRare;
+        [&](int y) {
+          for (int x = 0; x < w; ++x) {
+            const float light = std::max(0.0f, smoothed.at(x, y)) + kFloor * common.at(x, y);
+            out.at(x, y).brightness[k] = std::log(light) / kRare;
+          }
         },
         16);
   }
@@ -135,29 +133,27 @@ const RareFilter::Guides& RareFilter::guides(int t) {
   return it->second;
 }
 
-std::vector<std::uint8_t> RareFilter::lit(int t) const {
+Grid<std::uint8_t> RareFilter::lit(int t) const {
   const RareFrame& f = *frames_[t];
   const int w = solution_.width(), h = solution_.height();
-  std::vector<std::uint8_t> rows(std::size_t(w) * std::size_t(h)), out(rows.size());
+  Grid<std::uint8_t> rows(w, h), out(w, h);
   if (f.dark) return out;
-  parallel_for(
+  parallel_rows(
       0, h,
-      [&](std::int64_t row) {
-        const int y = int(row);
+      [&](int y) {
         int reach = -1;  // of the last lit pixel to the left
         for (int x = 0; x < w + kRadius; ++x) {
           if (x < w && !(is_black(f.light[0].rgb(x, y)) && is_black(f.light[1].rgb(x, y)))) reach = x + kRadius;
           // Lit pixels up to x reach column x - kRadius if the last of them does.
-          if (x >= kRadius) rows[pixel_index(x - kRadius, y, w)] = reach >= x - kRadius;
+          if (x >= kRadius) rows.at(x - kRadius, y) = reach >= x - kRadius;
         }
       },
       8);
-  parallel_for(
+  parallel_rows(
       0, h,
-      [&](std::int64_t row) {
-        const int y = int(row);
+      [&](int y) {
         for (int v = std::max(0, y - kRadius); v <= std::min(h - 1, y + kRadius); ++v) {
-          for (int x = 0; x < w; ++x) out[pixel_index(x, y, w)] |= rows[pixel_index(x, v, w)];
+          for (int x = 0; x < w; ++x) out.at(x, y) |= rows.at(x, v);
         }
       },
       8);
@@ -165,7 +161,7 @@ std::vector<std::uint8_t> RareFilter::lit(int t) const {
 }
 
 Image RareFilter::smooth(int t) {
-  const int w = solution_.width(), h = solution_.height(), n = int(frames_.size());
+  const int w = solution_.width(), h = solution_.height(), n = solution_.frames();
   Image out(w, h, 3);
   if (dark()) return out;
   double samples = 0;
@@ -181,8 +177,8 @@ Image RareFilter::smooth(int t) {
   // Frames t - 1, t and t + 1 where there are such: their guides, where they are lit, and where the pixels of t are.
   struct Neighbour {
     const Guides* guides;
-    std::vector<std::uint8_t> lit;
-    std::vector<std::int32_t> place;  ///< -1: nowhere; empty: all stay where they are
+    Grid<std::uint8_t> lit;
+    Grid<std::int32_t> place;  ///< -1: nowhere; empty: all stay where they are
     float exponent;
   };
   std::vector<Neighbour> neighbours;
@@ -191,8 +187,8 @@ Image RareFilter::smooth(int t) {
     Neighbour neighbour{&guides(u), lit(u), {}, u == t ? 0 : 1 / (2 * sqr(kTemporal * shrink))};
     if (u < t) neighbour.place = frames_[t]->previous;
     if (u > t) {
-      neighbour.place.assign(out.pixels(), -1);
-      const std::vector<std::int32_t>& previous = frames_[u]->previous;
+      neighbour.place.assign(w, h, -1);
+      const Grid<std::int32_t>& previous = frames_[u]->previous;
       for (std::size_t i = 0; i < previous.size(); ++i) {
         if (previous[i] >= 0) neighbour.place[previous[i]] = std::int32_t(i);
       }
@@ -200,12 +196,11 @@ Image RareFilter::smooth(int t) {
     if (u == t || !neighbour.place.empty()) neighbours.push_back(std::move(neighbour));
   }
   const Guides& own = guides(t);
-  parallel_for(
+  parallel_rows(
       0, h,
-      [&](std::int64_t row) {
-        const int y = int(row);
+      [&](int y) {
         for (int x = 0; x < w; ++x) {
-          const std::size_t here = pixel_index(x, y, w);
+          const std::size_t here = own.index(x, y);
           const auto place_in = [&](const Neighbour& f) {
             return f.place.empty() ? std::int32_t(here) : f.place[here];
           };
@@ -224,7 +219,7 @@ Image RareFilter::smooth(int t) {
             for (const Tap& tap : taps) {
               const int u = center_x + tap.dx, v = center_y + tap.dy;
               if (u < 0 || v < 0 || u >= w || v >= h) continue;
-              const Guide& q = (*f.guides)[pixel_index(u, v, w)];
+              const Guide& q = f.guides->at(u, v);
               if (q.object != g.object) continue;
               float e = tap.exponent + f.exponent;
               for (std::size_t k = 0; k < q.features.size(); ++k) e += sqr(q.features[k] - g.features[k]);

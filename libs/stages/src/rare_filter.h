@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "tempera/core/grid.h"
 #include "tempera/frames/image.h"
 #include "tempera/stages/poisson.h"
 
@@ -14,11 +15,11 @@ namespace tempera {
 
 /// What a frame has beside its Poisson rows. Guides that the files do not have are empty.
 struct RareFrame {
-  std::array<Image, 2> light;          ///< [h,w,3]: two independent estimates, without what is held back
-  Image albedo, normal, object;        ///< guides: [h,w,3], [h,w,3], [h,w,1]
-  std::vector<std::int32_t> previous;  ///< index of the pixel of the frame before that a pixel continues; -1: none
-  float samples = 16;                  ///< of a pixel, both estimates together, on average
-  bool dark = true;                    ///< whether there is no rare light at all
+  std::array<Image, 2> light;    ///< [h,w,3]: two independent estimates, without what is held back
+  Image albedo, normal, object;  ///< guides: [h,w,3], [h,w,3], [h,w,1]
+  Grid<std::int32_t> previous;   ///< index of the pixel of the frame before that a pixel continues; -1: none
+  float samples = 16;            ///< of a pixel, both estimates together, on average
+  bool dark = true;              ///< whether there is no rare light at all
 };
 
 /// Smooths the rare light of a window.
@@ -45,11 +46,11 @@ class RareFilter {
     std::array<float, 2> brightness{};  ///< of the two estimates
     std::array<Rgb, 2> light;           ///< over albedo
   };
-  using Guides = std::vector<Guide>;
+  using Guides = Grid<Guide>;
   const Guides& guides(int t);
   Guides make_guides(int t) const;
   /// Whether there may be light within the reach of each pixel of a frame.
-  std::vector<std::uint8_t> lit(int t) const;
+  Grid<std::uint8_t> lit(int t) const;
 
   std::span<const RareFrame* const> frames_;
   const PlanarFrames& solution_;

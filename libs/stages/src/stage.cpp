@@ -31,7 +31,7 @@ std::span<const SequenceDesc> FrameWindow::in() const { return run_.in(); }
 
 void FrameWindow::move_to(int frame, const Stage& stage) {
   std::set<std::pair<int, int>> wanted;
-  for (int port = 0; port < int(run_.in().size()); ++port) {
+  for (int port = 0; port < std::ssize(run_.in()); ++port) {
     for (const int f : stage.inputs(port, frame, run_.in())) wanted.emplace(port, f);
   }
   std::erase_if(frames_, [&](const auto& held) { return !wanted.contains(held.first); });
@@ -61,7 +61,7 @@ std::vector<int> frames_around(int frame, int before, int after, const SequenceD
 }
 
 std::optional<LayerUse> missing_layer(const Stage& stage, std::span<const SequenceDesc> in) {
-  for (int port = 0; port < int(in.size()); ++port) {
+  for (int port = 0; port < std::ssize(in); ++port) {
     for (LayerUse& use : stage.reads(port, in)) {
       if (use.required && !in[port].has(use.layer)) return std::move(use);
     }

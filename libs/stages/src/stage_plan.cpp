@@ -55,7 +55,7 @@ StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& so
     step.frames.assign(needed.begin(), needed.end());
     if (step.fills()) continue;  // it takes each frame from the one of this number
     needed.clear();
-    for (int port = 0; port < int(step.in.size()); ++port) {
+    for (int port = 0; port < std::ssize(step.in); ++port) {
       std::set<int>& into = port == 0 ? needed : of_source;
       for (const int f : step.frames) {
         const std::vector<int> inputs = stages[i]->inputs(port, f, step.in);

@@ -77,7 +77,7 @@ SequenceDesc describe(const FrameSequence& files, const std::string& file, const
 StageRun::StageRun(const Stage& stage, std::span<const FrameSequence> files, std::vector<SequenceDesc> in,
                    std::vector<std::string> described, StageReport& report)
     : files_(files), in_(std::move(in)), described_(std::move(described)), out_(stage.output(in_)), report_(report) {
-  for (int port = 0; port < int(in_.size()); ++port) reads_.push_back(stage.reads(port, in_));
+  for (int port = 0; port < std::ssize(in_); ++port) reads_.push_back(stage.reads(port, in_));
 }
 
 Frame StageRun::read(int frame, int port) const {
@@ -161,7 +161,7 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
   std::map<std::string, std::string> identities;  // by path
   std::map<int, std::string> targets;             // frame -> fingerprint
   for (StageRun& run : runs) {
-    for (int port = 0; port < int(in.size()); ++port) {
+    for (int port = 0; port < std::ssize(in); ++port) {
       std::set<int> missing;
       for (const int f : run.frames_) {
         std::error_code ignored;
@@ -189,7 +189,7 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
     for (const int f : run.frames_) {
       check_stop();
       std::string text = settings;
-      for (int port = 0; port < int(in.size()); ++port) {
+      for (int port = 0; port < std::ssize(in); ++port) {
         if (port > 0) text += fmt::format("port {}\n", port);
         for (const int g : stage->inputs(port, f, run.in_)) {
           auto [it, fresh] = identities.try_emplace(run.path(g, port));

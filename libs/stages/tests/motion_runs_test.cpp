@@ -29,12 +29,12 @@ TEST(MotionRuns, HoldEveryPairAndEveryMixedDifferenceOnce) {
     for (const bool voids : {false, true}) {
       const int w = 37, h = 23;
       const PixelMap m = test::random_motion(w, h, 5);
-      const std::vector<std::uint8_t> sampled = voids ? test::random_mask(w, h, 0.9, 6) : std::vector<std::uint8_t>();
+      const Grid<std::uint8_t> sampled = voids ? test::random_mask(w, h, 0.9, 6) : Grid<std::uint8_t>();
       const MotionRuns runs(m, {.mixed = true, .strict_mixed = strict}, sampled);
       const auto expected = [&](int x, int y, int ex, int ey) {
         const Vec2<int> to = m.forward(x, y);
         if (to.x < 0 || x + ex >= w || y + ey >= h || to.x + ex >= w || to.y + ey >= h) return false;
-        if (voids && !sampled[(to.y + ey) * w + to.x + ex]) return false;
+        if (voids && !sampled.at(to.x + ex, to.y + ey)) return false;
         const Vec2<int> neighbor = m.forward(x + ex, y + ey);
         return !strict || (neighbor.x == to.x + ex && neighbor.y == to.y + ey);
       };

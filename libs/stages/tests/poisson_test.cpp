@@ -19,8 +19,8 @@ using test::Window;
 
 /// The rows of A from the map itself, without runs.
 template <class F>
-void rows_of_definition(const std::vector<PixelMap>& motion, const std::vector<std::vector<std::uint8_t>>& sampled,
-                        int w, int h, int frames, F&& row) {
+void rows_of_definition(const std::vector<PixelMap>& motion, const std::vector<Grid<std::uint8_t>>& sampled, int w,
+                        int h, int frames, F&& row) {
   for (int t = 0; t < frames; ++t) {
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
@@ -32,8 +32,8 @@ void rows_of_definition(const std::vector<PixelMap>& motion, const std::vector<s
         if (to.x < 0) continue;
         const auto& s = sampled[t];
         row(RowSet::kDt, t, y, x, to.x, to.y);
-        if (x + 1 < w && to.x + 1 < w && s[to.y * w + to.x + 1]) row(RowSet::kDxDt, t, y, x, to.x, to.y);
-        if (y + 1 < h && to.y + 1 < h && s[(to.y + 1) * w + to.x]) {
+        if (x + 1 < w && to.x + 1 < w && s.at(to.x + 1, to.y)) row(RowSet::kDxDt, t, y, x, to.x, to.y);
+        if (y + 1 < h && to.y + 1 < h && s.at(to.x, to.y + 1)) {
           row(RowSet::kDyDt, t, y, x, to.x, to.y);
         }
       }
@@ -73,7 +73,7 @@ struct RandomSystem {
   }
   int w, h, frames;
   std::vector<PixelMap> motion;
-  std::vector<std::vector<std::uint8_t>> sampled;
+  std::vector<Grid<std::uint8_t>> sampled;
   Window window;
 };
 

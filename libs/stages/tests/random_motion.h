@@ -2,8 +2,8 @@
 #pragma once
 // Motion that is as bad as it gets, for tests: moving blocks, single pixels, holes, empty rows, moves along the border.
 #include <cstdint>
-#include <vector>
 
+#include "tempera/core/grid.h"
 #include "tempera/core/random.h"
 #include "tempera/stages/motion_runs.h"
 
@@ -31,8 +31,8 @@ inline PixelMap random_motion(int width, int height, std::uint64_t seed) {
 }
 
 /// 1 with probability `share`, else 0.
-inline std::vector<std::uint8_t> random_mask(int width, int height, double share, std::uint64_t seed) {
-  std::vector<std::uint8_t> out(std::size_t(width) * std::size_t(height));
+inline Grid<std::uint8_t> random_mask(int width, int height, double share, std::uint64_t seed) {
+  Grid<std::uint8_t> out(width, height);
   for (std::size_t i = 0; i < out.size(); ++i) out[i] = double(hash_key(seed, i) >> 11) * 0x1p-53 < share;
   return out;
 }

@@ -3,6 +3,8 @@
 
 #include <gtest/gtest.h>
 
+#include <numeric>
+
 #include "tempera/core/parallel.h"
 #include "tempera/core/random.h"
 
@@ -22,8 +24,8 @@ struct Window {
       f.light = {Image(kSize, kSize, 3), Image(kSize, kSize, 3)};
       f.dark = false;
       if (t > 0) {
-        f.previous.resize(kSize * kSize);
-        for (std::size_t i = 0; i < f.previous.size(); ++i) f.previous[i] = std::int32_t(i);
+        f.previous.assign(kSize, kSize);
+        std::iota(f.previous.begin(), f.previous.end(), 0);
       }
       for (int y = 0; y < kSize; ++y) {
         for (int c = 0; c < 3; ++c) std::fill_n(solution.row(t, y, c), kSize, 1.0f);
@@ -124,7 +126,7 @@ TEST(RareFilter, FollowsMotion) {
     w.frame(t).object = Image(kSize, kSize, 1, 1);
     for (int y = 0; y < kSize; ++y) {
       for (int x = 6 + 3 * t; x < 9 + 3 * t; ++x) w.frame(t).object.at(x, y) = 2;
-      for (int x = 0; x < kSize && t > 0; ++x) w.frame(t).previous[y * kSize + x] = x >= 3 ? y * kSize + x - 3 : -1;
+      for (int x = 0; x < kSize && t > 0; ++x) w.frame(t).previous.at(x, y) = x >= 3 ? y * kSize + x - 3 : -1;
     }
   }
   const Image out = w.smooth(1);

@@ -97,7 +97,7 @@ class GltfImporter {
   int add_node(Node node);
   int add_turned_child(int parent, const std::string& name);
   int add_turned_child(int parent, Affine3d world, const std::string& name);
-  Json node_json(int node) const { return document_.list("nodes").at(std::size_t(node)); }
+  Json node_json(int node) const { return document_.list("nodes").at(node); }
 
   InputFiles files_;
   GltfDocument document_;
@@ -117,7 +117,7 @@ Scene GltfImporter::load() {
   const Json list = document_.list("meshes");
   for (std::size_t i = 0; i < list.size(); ++i) meshes_.push_back(read_mesh(document_, list.at(i)));
   const Json skins = document_.list("skins");
-  for (std::size_t i = 0; i < skins.size(); ++i) bind_skin({}, int(i), 0, skins.at(i));  // also those that nothing uses
+  for (int i = 0; i < std::ssize(skins); ++i) bind_skin({}, i, 0, skins.at(i));  // also those that nothing uses
   build_meshes(nodes);
   const std::size_t lights =
       document_.root()["extensions"].object()["KHR_lights_punctual"].object()["lights"].array().size();
@@ -144,31 +144,31 @@ int GltfImporter::add_node(Node node) {
 
 void GltfImporter::build_nodes() {
   const Json nodes = document_.list("nodes");
-  const std::size_t n = nodes.size();
+  const int n = int(nodes.size());
   gltf_parent_.assign(n, -1);
-  for (std::size_t i = 0; i < n; ++i) {
+  for (int i = 0; i < n; ++i) {
     const Json children = nodes.at(i).object()["children"].array();
     for (std::size_t k = 0; k < children.size(); ++k) {
       const int child = children.at(k).index(n, "nodes");
       if (gltf_parent_[child] >= 0)
         children.at(k).fail(fmt::format("nodes[{}] is a child of nodes[{}] already", child, gltf_parent_[child]));
-      gltf_parent_[child] = int(i);
+      gltf_parent_[child] = i;
     }
   }
   // Parents first. What is left after all roots and what hangs on them goes round in a circle.
-  for (std::size_t i = 0; i < n; ++i)
-    if (gltf_parent_[i] < 0) order_.push_back(int(i));
+  for (int i = 0; i < n; ++i)
+    if (gltf_parent_[i] < 0) order_.push_back(i);
   for (std::size_t i = 0; i < order_.size(); ++i) {
-    const Json children = nodes.at(std::size_t(order_[i]))["children"];
+    const Json children = nodes.at(order_[i])["children"];
     for (std::size_t k = 0; k < children.size(); ++k) order_.push_back(int(children.at(k).integer(0)));
   }
   scene_node_.assign(n, -1);
   for (const int i : order_) scene_node_[i] = 0;
-  for (std::size_t i = 0; i < n; ++i)
+  for (int i = 0; i < n; ++i)
     if (scene_node_[i] < 0) nodes.at(i).fail("is a descendant of itself");
 
   for (const int i : order_) {
-    const Json json = nodes.at(std::size_t(i));
+    const Json json = nodes.at(i);
     Node node;
     const int parent = gltf_parent_[i];
     node.parent = parent < 0 ? -1 : scene_node_[parent];
@@ -232,12 +232,12 @@ std::vector<int> GltfImporter::reachable_nodes() const {
   if (!scenes) return order_;
   if (index < 0 && scenes.size() > 0) document_.warn("the file names no default scene; the first one is shown", scenes);
   std::vector<char> in_scene(order_.size(), 0);
-  for (std::size_t i = 0; i < scenes.size(); ++i) {
+  for (int i = 0; i < std::ssize(scenes); ++i) {
     const Json roots = scenes.at(i).object()["nodes"].array();
     for (std::size_t k = 0; k < roots.size(); ++k) {
       const int node = roots.at(k).index(order_.size(), "nodes");
       if (gltf_parent_[node] >= 0) roots.at(k).fail(fmt::format("nodes[{}] is not a root: it has a parent", node));
-      if (int(i) == std::max(index, 0)) in_scene[node] = 1;
+      if (i == std::max(index, 0)) in_scene[node] = 1;
     }
   }
   std::vector<int> reachable;
@@ -337,7 +337,7 @@ std::vector<int> GltfImporter::build_group(const GroupKey& key, bool last_use) {
 }
 
 Skin GltfImporter::bind_skin(Skin skin, int index, std::size_t max_joint, const Json& where) {
-  const Json json = document_.list("skins").at(std::size_t(index)).object();
+  const Json json = document_.list("skins").at(index).object();
   const Json joints = json["joints"].required().array();
   const std::size_t n = joints.size();
   if (n == 0) joints.fail("a skin has at least one joint");
@@ -410,7 +410,7 @@ void GltfImporter::add_gpu_instances(const Json& extension, const Instance& inst
     if (any && a.count != count) index.fail(fmt::format("has {} elements, another attribute {}", a.count, count));
     count = a.count;
     any = true;
-    files_.charge(a.count * std::size_t(a.components) * sizeof(float), index.loc());
+    files_.charge(a.count * a.components * sizeof(float), index.loc());
     values = document_.floats(a);
     for (const float v : values)
       if (!(std::abs(v) < 1e30f)) index.fail(fmt::format("a {} that is not finite or too large", name));
@@ -464,8 +464,11 @@ int GltfImporter::add_turned_child(int parent, Affine3d m, const std::string& na
   return add_node(std::move(node));
 }
 
+static constexpr Named<Projection> kCameraTypes[] = {{"perspective", Projection::kPerspective},
+                                                     {"orthographic", Projection::kOrthographic}};
+
 void GltfImporter::add_camera(int node, int camera) {
-  const Json json = document_.list("cameras").at(std::size_t(camera)).object();
+  const Json json = document_.list("cameras").at(camera).object();
   const std::string pointer = fmt::format("/cameras/{}", camera);
   Camera c;
   const Node& parent = scene_.nodes[scene_node_[node]];
@@ -484,7 +487,8 @@ void GltfImporter::add_camera(int node, int camera) {
     if (!(v > 0 && v < max)) value.fail(ErrorCode::kOutOfRange, fmt::format("{} is outside (0, {})", v, max));
     return v;
   };
-  if (type.string() == "perspective") {
+  c.projection = choice(type, type.string(), "camera type", kCameraTypes);
+  if (c.projection == Projection::kPerspective) {
     const Json p = json["perspective"].required().object();
     const double yfov = positive(p["yfov"], kPiD);
     if (const Json aspect = p["aspectRatio"]) c.authored_aspect = float(positive(aspect, 1e6));
@@ -496,7 +500,7 @@ void GltfImporter::add_camera(int node, int camera) {
     c.near_clip = float(positive(p["znear"], 1e30));
     if (const Json far = p["zfar"]) c.far_clip = float(positive(far, 1e30));
     if (!(c.far_clip > c.near_clip)) p["zfar"].fail(ErrorCode::kOutOfRange, "zfar is not beyond znear");
-  } else if (type.string() == "orthographic") {
+  } else {
     const Json o = json["orthographic"].required().object();
     const auto half = [&](const char* name) {
       const double v = std::abs(o[name].required().number(0));
@@ -505,32 +509,25 @@ void GltfImporter::add_camera(int node, int camera) {
     };
     const double xmag = half("xmag"), ymag = half("ymag");
     const Track* track = animations_.find(pointer + "/orthographic/xmag", 1);
-    c.projection = Projection::kOrthographic;
     c.width =
         track ? map_linear<float>(*track, [](const float* v) { return 2 * v[0]; }) : Animated<float>(float(2 * xmag));
     c.authored_aspect = float(xmag / ymag);
     c.near_clip = float(o["znear"].required().number(0, 0, 1e30));
     c.far_clip = float(positive(o["zfar"], 1e30));
     if (!(c.far_clip > c.near_clip)) o["zfar"].fail(ErrorCode::kOutOfRange, "zfar is not beyond znear");
-  } else {
-    type.fail(fmt::format("\"{}\" is no camera type; valid: perspective, orthographic", type.string()));
   }
   scene_.cameras.push_back(std::move(c));
 }
 
+static constexpr Named<LightType> kLightTypes[] = {
+    {"point", LightType::kPoint}, {"spot", LightType::kSpot}, {"directional", LightType::kDirectional}};
+
 void GltfImporter::add_light(int node, int index) {
-  const Json json = document_.root()["extensions"]["KHR_lights_punctual"]["lights"].at(std::size_t(index)).object();
+  const Json json = document_.root()["extensions"]["KHR_lights_punctual"]["lights"].at(index).object();
   const std::string pointer = fmt::format("/extensions/KHR_lights_punctual/lights/{}", index);
   PunctualLight light;
   const Json type = json["type"].required();
-  if (type.string() == "point")
-    light.type = LightType::kPoint;
-  else if (type.string() == "spot")
-    light.type = LightType::kSpot;
-  else if (type.string() == "directional")
-    light.type = LightType::kDirectional;
-  else
-    type.fail(fmt::format("\"{}\" is no light type; valid: point, spot, directional", type.string()));
+  light.type = choice(type, type.string(), "light type", kLightTypes);
   light.name = json["name"].string();
   if (light.name.empty()) light.name = scene_.nodes[scene_node_[node]].name;
   light.node = add_turned_child(scene_node_[node], light.name);

@@ -59,7 +59,7 @@ GltfAnimations::GltfAnimations(const GltfDocument& document, const std::string& 
       throw Error(ErrorCode::kUnknownName, list ? list.loc() : SourceLoc{document_.file().string()},
                   fmt::format("no animation \"{}\"; {}", name, known));
     }
-    play(read_clip(list.at(std::size_t(found - names_.begin()))));
+    play(read_clip(list.at(found - names_.begin())));
     return;
   }
   // A clip plays as a whole or not at all: a walk whose feet run is worse than no run.
@@ -105,11 +105,10 @@ GltfAnimations::Clip GltfAnimations::read_clip(const Json& json) const {
       if (path != "translation" && path != "rotation" && path != "scale" && path != "weights")
         return complain(fmt::format("animation path \"{}\" is ignored", path), target["path"].loc());
       if (node < 0) return complain("animation channel without a node is ignored", target.loc());
-      const Json driven = nodes.at(std::size_t(node)).object();
+      const Json driven = nodes.at(node).object();
       if (path == "weights") {
         const int mesh = driven["mesh"].optional_index(document_.count("meshes"), "meshes");
-        const Json primitives =
-            mesh < 0 ? Json() : document_.list("meshes").at(std::size_t(mesh)).object()["primitives"].array();
+        const Json primitives = mesh < 0 ? Json() : document_.list("meshes").at(mesh).object()["primitives"].array();
         c.targets = primitives.size() == 0 ? 0 : primitives.at(0).object()["targets"].size();
         if (c.targets == 0)
           return complain("animations of weights of nodes that have no mesh with morph targets are ignored",
@@ -145,8 +144,11 @@ void GltfAnimations::play(const Clip& clip) {
   }
 }
 
+static constexpr Named<Interpolation> kInterpolations[] = {
+    {"STEP", Interpolation::kStep}, {"LINEAR", Interpolation::kLinear}, {"CUBICSPLINE", Interpolation::kCubic}};
+
 std::optional<Track> GltfAnimations::read_track(const Channel& channel, const Json& samplers) const {
-  const Json sampler = samplers.at(std::size_t(channel.json["sampler"].index(samplers.size(), "samplers"))).object();
+  const Json sampler = samplers.at(channel.json["sampler"].index(samplers.size(), "samplers")).object();
   Track track;
   track.json = channel.json;
   const Json mode = sampler["interpolation"];
@@ -155,14 +157,7 @@ std::optional<Track> GltfAnimations::read_track(const Channel& channel, const Js
       std::none_of(interpolation.begin(), interpolation.end(), [](char c) { return c >= 'a' && c <= 'z'; });
   std::transform(interpolation.begin(), interpolation.end(), interpolation.begin(),
                  [](char c) { return c >= 'a' && c <= 'z' ? char(c - 'a' + 'A') : c; });
-  if (interpolation == "STEP")
-    track.interpolation = Interpolation::kStep;
-  else if (interpolation == "LINEAR")
-    track.interpolation = Interpolation::kLinear;
-  else if (interpolation == "CUBICSPLINE")
-    track.interpolation = Interpolation::kCubic;
-  else
-    mode.fail(fmt::format("\"{}\" is no interpolation; valid: STEP, LINEAR, CUBICSPLINE", mode.string()));
+  track.interpolation = choice(mode, interpolation, "interpolation", kInterpolations);
   if (!is_upper) document_.warn("names of interpolations in lower case are no valid glTF", mode);
 
   const bool rotation = channel.path == "rotation", weights = channel.path == "weights",
@@ -199,7 +194,7 @@ std::optional<Track> GltfAnimations::read_track(const Channel& channel, const Js
     document_.warn("animation channels without keys are ignored", channel.json);
     return std::nullopt;
   }
-  track.width = elements * std::size_t(output.components);
+  track.width = elements * output.components;
 
   // Without data the times are all zero; the glTF validator lets that pass, and so the test files do it. Such a track
   // has no motion: its first key stands for all.

@@ -21,41 +21,41 @@ std::uint32_t read_u32(std::string_view bytes, std::size_t offset) {
   return v;
 }
 
+struct Component {
+  ComponentType type;
+  int size;  ///< bytes
+};
+constexpr Component kComponents[] = {{ComponentType::kByte, 1},  {ComponentType::kUByte, 1},
+                                     {ComponentType::kShort, 2}, {ComponentType::kUShort, 2},
+                                     {ComponentType::kUInt, 4},  {ComponentType::kFloat, 4}};
+
 std::size_t component_size(ComponentType type) {
-  switch (type) {
-    case ComponentType::kByte:
-    case ComponentType::kUByte:
-      return 1;
-    case ComponentType::kShort:
-    case ComponentType::kUShort:
-      return 2;
-    case ComponentType::kUInt:
-    case ComponentType::kFloat:
-      return 4;
-  }
+  for (const Component& c : kComponents)
+    if (c.type == type) return c.size;
   return 4;
 }
 
 struct ElementShape {
-  std::string_view name;
   int rows, columns;
 };
-constexpr ElementShape kShapes[] = {{"SCALAR", 1, 1}, {"VEC2", 2, 1}, {"VEC3", 3, 1}, {"VEC4", 4, 1},
-                                    {"MAT2", 2, 2},   {"MAT3", 3, 3}, {"MAT4", 4, 4}};
+constexpr Named<ElementShape> kShapes[] = {{"SCALAR", {1, 1}}, {"VEC2", {2, 1}}, {"VEC3", {3, 1}}, {"VEC4", {4, 1}},
+                                           {"MAT2", {2, 2}},   {"MAT3", {3, 3}}, {"MAT4", {4, 4}}};
 
 /// Bytes of an element: columns of matrices start at multiples of four bytes.
-std::size_t element_size(std::string_view shape, ComponentType type) {
-  const auto& s =
-      *std::find_if(std::begin(kShapes), std::end(kShapes), [&](const ElementShape& x) { return x.name == shape; });
-  const std::size_t column = std::size_t(s.rows) * component_size(type);
-  return s.columns == 1 ? column : std::size_t(s.columns - 1) * ((column + 3) / 4 * 4) + column;
+std::size_t element_size(const ElementShape& s, ComponentType type) {
+  const std::size_t column = component_size(type) * s.rows;
+  return s.columns == 1 ? column : (column + 3) / 4 * 4 * (s.columns - 1) + column;
 }
 
 ComponentType component_type(const Json& json) {
   const std::uint64_t v = json.required().integer(0);
-  if ((v < 5120 || v > 5123) && v != 5125 && v != 5126)
-    json.fail(fmt::format("{} is no component type; valid: 5120, 5121, 5122, 5123, 5125, 5126", v));
-  return ComponentType(int(v));
+  std::string valid;
+  for (const Component& c : kComponents) {
+    const auto number = static_cast<std::uint64_t>(c.type);
+    if (number == v) return c.type;
+    valid += fmt::format("{}{}", valid.empty() ? "" : ", ", number);
+  }
+  json.fail(fmt::format("{} is no component type; valid: {}", v, valid));
 }
 
 /// glTF 2.0, section 3.6.2.2: fractions of the largest magnitude; the most negative number is clamped.
@@ -235,8 +235,8 @@ void GltfDocument::check_asset() {
   const auto parse = [](const Json& json) {
     int major = -1, minor = -1, used = 0;
     const std::string text(json.string());
-    if (std::sscanf(text.c_str(), "%5d.%5d%n", &major, &minor, &used) != 2 || std::size_t(used) != text.size() ||
-        major < 0 || minor < 0)
+    if (std::sscanf(text.c_str(), "%5d.%5d%n", &major, &minor, &used) != 2 || used != std::ssize(text) || major < 0 ||
+        minor < 0)
       json.fail(fmt::format("\"{}\" is no version of the form \"2.0\"", text));
     return std::pair(major, minor);
   };
@@ -340,7 +340,7 @@ GltfDocument::View GltfDocument::read_view(const Json& json) const {
   const Json stride = json["byteStride"];
   if (stride && (stride.integer(0) < 4 || stride.integer(0) > 252))
     stride.fail(ErrorCode::kOutOfRange, fmt::format("{} is outside [4, 252]", stride.integer(0)));
-  return {buffer.bytes.substr(offset, length), std::size_t(stride.integer(0)), {}};
+  return {buffer.bytes.substr(offset, length), stride.integer(0), {}};
 }
 
 const GltfDocument::View& GltfDocument::view(int index) const {
@@ -366,18 +366,14 @@ void GltfDocument::read_accessors() {
 void GltfDocument::read_accessor(const Json& json, Accessor& a) const {
   a.type = component_type(json["componentType"]);
   a.shape = json["type"].required().string();
-  const auto shape =
-      std::find_if(std::begin(kShapes), std::end(kShapes), [&](const ElementShape& s) { return s.name == a.shape; });
-  if (shape == std::end(kShapes))
-    json["type"].fail(
-        fmt::format("\"{}\" is no accessor type; valid: SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3, MAT4", a.shape));
-  a.components = shape->rows * shape->columns;
+  const ElementShape& shape = choice(json["type"], a.shape, "accessor type", kShapes);
+  a.components = shape.rows * shape.columns;
   const std::uint64_t count = json["count"].required().integer(0);
   if (count == 0) return warn("accessors without elements are no valid glTF", json["count"]);
   a.normalized = json["normalized"].boolean(false);
   a.view = json["bufferView"].optional_index(views_.size(), "bufferViews");
-  a.offset = std::size_t(json["byteOffset"].integer(0));
-  const std::size_t size = element_size(a.shape, a.type);
+  a.offset = json["byteOffset"].integer(0);
+  const std::size_t size = element_size(shape, a.type);
   if (a.view >= 0) {
     const View& view = this->view(a.view);
     const std::size_t stride = view.stride ? view.stride : size;
@@ -392,7 +388,7 @@ void GltfDocument::read_accessor(const Json& json, Accessor& a) const {
     json["count"].fail(ErrorCode::kOutOfRange,
                        fmt::format("{} elements without data in a file of {} bytes", count, total_bytes_));
   }
-  a.count = std::size_t(count);
+  a.count = count;
 
   const Json sparse = json["sparse"].object();
   if (!sparse) return;
@@ -448,7 +444,7 @@ void GltfDocument::read_plain(ComponentType type, bool normalized, std::size_t c
 
 template <class T>
 void GltfDocument::read_elements(const Accessor& a, T* out) const {
-  const auto components = std::size_t(a.components);
+  const std::size_t components = a.components;
   if (a.count == 0) return;
   if (a.view >= 0) {
     read_plain(a.type, a.normalized, components, view(a.view), a.offset, a.count, out);
@@ -457,17 +453,16 @@ void GltfDocument::read_elements(const Accessor& a, T* out) const {
   }
   const Json sparse = a.json["sparse"];
   if (!sparse) return;
-  const auto count = std::size_t(sparse["count"].integer(0));
+  const std::size_t count = sparse["count"].integer(0);
   const Json indices = sparse["indices"], values = sparse["values"];
   std::vector<std::uint32_t> where(count);
   const auto packed = [&](const Json& part) {  // sparse data have no stride
     return View{view(int(part["bufferView"].integer(0))).bytes, 0, {}};
   };
-  read_plain(component_type(indices["componentType"]), false, 1, packed(indices),
-             std::size_t(indices["byteOffset"].integer(0)), count, where.data());
+  read_plain(component_type(indices["componentType"]), false, 1, packed(indices), indices["byteOffset"].integer(0),
+             count, where.data());
   std::vector<T> replaced(count * components);
-  read_plain(a.type, a.normalized, components, packed(values), std::size_t(values["byteOffset"].integer(0)), count,
-             replaced.data());
+  read_plain(a.type, a.normalized, components, packed(values), values["byteOffset"].integer(0), count, replaced.data());
   for (std::size_t i = 0; i < count; ++i) {
     if (where[i] >= a.count || (i > 0 && where[i] <= where[i - 1]))
       indices.fail(
@@ -491,7 +486,7 @@ void GltfDocument::read(const Accessor& accessor, float* out) const { read_eleme
 void GltfDocument::read(const Accessor& accessor, std::uint32_t* out) const { read_elements(accessor, out); }
 
 std::vector<float> GltfDocument::floats(const Accessor& accessor) const {
-  std::vector<float> out(accessor.count * std::size_t(accessor.components));
+  std::vector<float> out(accessor.count * accessor.components);
   read(accessor, out.data());
   return out;
 }

@@ -44,12 +44,12 @@ DracoPrimitive decode_draco(const GltfDocument& document, const Json& extension)
     DracoPrimitive::Attribute a{std::string(id.key()), attribute->num_components(), {}};
     if (a.components < 1 || a.components > 4)
       id.fail(fmt::format("a compressed attribute with {} components", a.components));
-    a.values.resize(out.vertices * std::size_t(a.components));
+    a.values.resize(out.vertices * a.components);
     for (draco::PointIndex p(0); p < mesh.num_points(); ++p) {
       const draco::AttributeValueIndex v = attribute->mapped_index(p);
       if (v.value() >= attribute->size() ||
           !attribute->ConvertValue<float>(v, std::int8_t(a.components),
-                                          &a.values[p.value() * std::size_t(a.components)]))
+                                          &a.values[std::size_t(p.value()) * a.components]))
         id.fail(fmt::format("vertex {} of the compressed mesh has no {}", p.value(), id.key()));
     }
     out.attributes.push_back(std::move(a));

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "named.h"
 #include "tempera/core/error.h"
 
 namespace tempera {
@@ -71,6 +72,16 @@ class Json {
   bool missing_ = false;
   std::string_view missing_key_;
 };
+
+/// What one of the names in a table means. Errors: Error{kBadInput} at `json`, which has the name, with all of them.
+/// `what`: what they are, e.g. "light type".
+template <class T, std::size_t N>
+const T& choice(const Json& json, std::string_view name, std::string_view what, const Named<T> (&table)[N]) {
+  const Named<T>* entry = find_named(table, name);
+  if (!entry)
+    json.fail("\"" + std::string(json.string()) + "\" is no " + std::string(what) + "; valid: " + names_of(table));
+  return entry->value;
+}
 
 /// Immutable after construction. `text` must outlive it.
 class JsonDocument {

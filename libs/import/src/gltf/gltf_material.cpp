@@ -136,7 +136,7 @@ Slot GltfMaterials::slot(const Json& json, const std::string& pointer, std::stri
 
 GltfMaterial GltfMaterials::make(int index, bool vertex_colors) {
   GltfMaterial made;
-  const Json json = index < 0 ? Json() : document_.list("materials").at(std::size_t(index)).object();
+  const Json json = index < 0 ? Json() : document_.list("materials").at(index).object();
   const std::string pointer = fmt::format("/materials/{}", index);
   const Json extensions = json["extensions"].object();
   made.name = json["name"].string();
@@ -264,10 +264,11 @@ MetallicRoughnessParams GltfMaterials::metallic_roughness(const Json& json, cons
 MaterialPtr GltfMaterials::with_alpha(MaterialPtr opaque, const Json& json, const std::string& pointer,
                                       bool vertex_colors) {
   const Json mode = json["alphaMode"];
-  const std::string_view name = mode.string("OPAQUE");
-  if (name == "OPAQUE") return opaque;
-  if (name != "MASK" && name != "BLEND")
-    mode.fail(fmt::format("\"{}\" is no alpha mode; valid: OPAQUE, MASK, BLEND", name));
+  enum class AlphaMode { kOpaque, kMask, kBlend };
+  static constexpr Named<AlphaMode> kAlphaModes[] = {
+      {"OPAQUE", AlphaMode::kOpaque}, {"MASK", AlphaMode::kMask}, {"BLEND", AlphaMode::kBlend}};
+  const AlphaMode alpha_mode = choice(mode, mode.string("OPAQUE"), "alpha mode", kAlphaModes);
+  if (alpha_mode == AlphaMode::kOpaque) return opaque;
 
   const Json pbr = json["pbrMetallicRoughness"].object();
   const std::string at = pointer + "/pbrMetallicRoughness";
@@ -280,7 +281,7 @@ MaterialPtr GltfMaterials::with_alpha(MaterialPtr opaque, const Json& json, cons
   alpha.texture = texture(pbr["baseColorTexture"], at + "/baseColorTexture", Channel::kA, ColorEncoding::kLinear);
 
   std::optional<Animated<float>> cutoff;
-  if (name == "MASK") {
+  if (alpha_mode == AlphaMode::kMask) {
     const Track* track = animations_.find(pointer + "/alphaCutoff", 1);
     cutoff = track ? map_linear<float>(*track, [](const float* v) { return v[0]; })
                    : Animated<float>(float(json["alphaCutoff"].number(0.5)));
@@ -332,11 +333,11 @@ GltfMaterials::TexturePtr GltfMaterials::texture(const Json& info, const std::st
 
 GltfMaterials::TexturePtr GltfMaterials::image_texture(const Json& info, ImageTextureParams params) {
   const Json json =
-      document_.list("textures").at(std::size_t(info["index"].index(document_.count("textures"), "textures"))).object();
+      document_.list("textures").at(info["index"].index(document_.count("textures"), "textures")).object();
   const Json sampler_index = json["sampler"];
   const int sampler = sampler_index.optional_index(document_.count("samplers"), "samplers");
   if (sampler >= 0) {
-    const Json s = document_.list("samplers").at(std::size_t(sampler)).object();
+    const Json s = document_.list("samplers").at(sampler).object();
     params.wrap_u = wrap_mode(s["wrapS"]);
     params.wrap_v = wrap_mode(s["wrapT"]);
     params.filter = filter_mode(s);
@@ -355,7 +356,7 @@ GltfMaterials::TexturePtr GltfMaterials::image_texture(const Json& info, ImageTe
     return nullptr;
   }
   const int index = source.index(document_.count("images"), "images");
-  const Json image = document_.list("images").at(std::size_t(index)).object();
+  const Json image = document_.list("images").at(index).object();
   const Json uri = image["uri"], view = image["bufferView"];
   if (uri && view) image.fail("has both a uri and a bufferView");
   if (!uri && !view) image.fail("has neither a uri nor a bufferView");

@@ -370,7 +370,7 @@ void make_tangents(Mesh& mesh) {
   std::vector<std::array<Sum, 2>> sums(vertices);
   std::vector<std::uint8_t> mirrored(mesh.triangle_count());
   for (std::size_t t = 0; t < mirrored.size(); ++t) {
-    const std::uint32_t* v = &mesh.indices[3 * t];
+    const std::uint32_t* v = mesh.corners(t);
     const Vec3f e1 = mesh.positions[v[1]] - mesh.positions[v[0]], e2 = mesh.positions[v[2]] - mesh.positions[v[0]];
     const Vec2f d1 = mesh.uvs[v[1]] - mesh.uvs[v[0]], d2 = mesh.uvs[v[2]] - mesh.uvs[v[0]];
     const float area = d1.x * d2.y - d2.x * d1.y;
@@ -407,8 +407,8 @@ void make_tangents(Mesh& mesh) {
   extend(mesh.colors);
   extend(mesh.color_alphas);
   extend(mesh.source_vertices);
-  extend(mesh.skin.indices, std::size_t(mesh.skin.influences));
-  extend(mesh.skin.weights, std::size_t(mesh.skin.influences));
+  extend(mesh.skin.indices, mesh.skin.influences);
+  extend(mesh.skin.weights, mesh.skin.influences);
   for (MorphTarget& target : mesh.morph_targets) {
     extend(target.positions);
     extend(target.normals);

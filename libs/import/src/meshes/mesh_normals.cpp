@@ -25,7 +25,7 @@ struct Face {
 
 Face face_of(const Mesh& mesh, std::size_t t) {
   std::array<Vec3f, 3> p;
-  for (std::size_t i = 0; i < 3; ++i) p[i] = mesh.positions[mesh.indices[3 * t + i]];
+  for (std::size_t i = 0; i < 3; ++i) p[i] = mesh.positions[mesh.corners(t)[i]];
   Face f;
   f.normal = normalize(cross(p[1] - p[0], p[2] - p[0]));
   if (length_squared(f.normal) == 0 || !is_finite(f.normal)) return {};
@@ -44,7 +44,7 @@ void fill_normals(Mesh& mesh) {
   std::vector<Vec3f> sums(mesh.positions.size());
   for (std::size_t t = 0; t < mesh.triangle_count(); ++t) {
     const Face f = face_of(mesh, t);
-    for (std::size_t i = 0; i < 3; ++i) sums[mesh.indices[3 * t + i]] += f.normal * f.angles[i];
+    for (std::size_t i = 0; i < 3; ++i) sums[mesh.corners(t)[i]] += f.normal * f.angles[i];
   }
   for (std::size_t v = 0; v < sums.size(); ++v) {
     if (mesh.normals[v] != Vec3f{}) continue;
@@ -58,7 +58,7 @@ void crease_normals(Mesh& mesh, float max_angle) {
   const std::size_t corners = mesh.indices.size();
   std::vector<Face> faces(mesh.triangle_count());
   parallel_for(
-      0, std::int64_t(faces.size()), [&](std::int64_t t) { faces[t] = face_of(mesh, std::size_t(t)); }, 1024);
+      0, std::int64_t(faces.size()), [&](std::int64_t t) { faces[t] = face_of(mesh, t); }, 1024);
 
   // Corners sorted by position: those at one point stand together.
   std::vector<std::uint32_t> order(corners);
@@ -113,7 +113,7 @@ void align_winding(Mesh& mesh) {
   parallel_for(
       0, std::int64_t(mesh.triangle_count()),
       [&](std::int64_t t) {
-        std::uint32_t* const i = &mesh.indices[3 * std::size_t(t)];
+        std::uint32_t* const i = mesh.corners(t);
         const Vec3f& p = mesh.positions[i[0]];
         const Vec3f n = cross(mesh.positions[i[1]] - p, mesh.positions[i[2]] - p);
         if (dot(n, mesh.normals[i[0]] + mesh.normals[i[1]] + mesh.normals[i[2]]) < 0) std::swap(i[1], i[2]);

@@ -22,7 +22,7 @@
 namespace tempera {
 namespace {
 
-constexpr std::size_t kBlockBytes = std::size_t(4) << 20;
+constexpr std::size_t kBlockBytes = 4 << 20;
 constexpr std::uint32_t kNone = 0xffffffffu;
 constexpr int kMaxChain = 64;  // longer chains make reading quadratic
 
@@ -48,13 +48,13 @@ bool is_space(char c) { return c == ' ' || c == '\t' || c == '\r'; }
 bool continues(const char* begin, const char* newline) {
   const char* p = newline;
   while (p > begin && is_space(p[-1])) --p;
-  return p > begin && p[-1] == '\\' && !std::memchr(begin, '#', std::size_t(p - begin));
+  return p > begin && p[-1] == '\\' && !std::memchr(begin, '#', p - begin);
 }
 
 /// End of the statement that begins at `p`: its last line's '\n', or `end`.
 const char* statement_end(const char* p, const char* end) {
   for (const char* line = p;;) {
-    const void* found = std::memchr(line, '\n', std::size_t(end - line));
+    const void* found = std::memchr(line, '\n', end - line);
     if (!found) return end;
     const char* const newline = static_cast<const char*>(found);
     if (!continues(line, newline)) return newline;
@@ -109,7 +109,7 @@ class BlockParser {
 
  private:
   void fail(const char* at, const std::string& message) {
-    block_.error = Error(ErrorCode::kBadInput, locate(file_, whole_, std::size_t(at - whole_.data())), message);
+    block_.error = Error(ErrorCode::kBadInput, locate(file_, whole_, at - whole_.data()), message);
   }
   static std::string excerpt(const char* begin, const char* end) {
     return std::string(begin, std::min<std::ptrdiff_t>(end - begin, 60));
@@ -119,7 +119,7 @@ class BlockParser {
     const char* p = skip_blanks(begin, end);
     const char* word_end = p;
     while (word_end<end&& * word_end> ' ' && !is_line_break(word_end, end)) ++word_end;
-    const std::string_view word(p, std::size_t(word_end - p));
+    const std::string_view word(p, word_end - p);
     float v[3];
     if (word == "v") {
       if (!read_floats(word_end, end, v, 3))
@@ -164,7 +164,7 @@ class BlockParser {
                                      excerpt(p, std::min(end, p + 20))));
         if (*parts[i] < 0) {
           *parts[i] += std::int32_t(counts[i]) + 1;
-          block_.relative.push_back(3 * block_.corners.size() + std::size_t(i));
+          block_.relative.push_back(3 * block_.corners.size() + i);
         }
         p = next;
       }
@@ -187,7 +187,7 @@ std::vector<Block> cut(std::string_view text) {
     std::size_t size = std::min(kBlockBytes, text.size());
     const std::size_t line = text.rfind('\n', size - 1) + 1;  // 0 if there is none
     const char* const end = text.data() + text.size();
-    size = std::min(std::size_t(statement_end(text.data() + line, end) - text.data()) + 1, text.size());
+    size = std::min<std::size_t>(statement_end(text.data() + line, end) - text.data() + 1, text.size());
     blocks.emplace_back().text = text.substr(0, size);
     text.remove_prefix(size);
   }
@@ -201,8 +201,8 @@ SourceLoc face_location(const Block& block, std::size_t face, std::string_view w
     const char* const end = statement_end(rest.data(), rest.data() + rest.size());
     const char* const p = skip_blanks(rest.data(), end);
     if (p < end && *p == 'f' && (p + 1 == end || is_blank(p + 1, end)) && face-- == 0)
-      return locate(file, whole, std::size_t(p - whole.data()));
-    rest.remove_prefix(std::min(std::size_t(end - rest.data()) + 1, rest.size()));
+      return locate(file, whole, p - whole.data());
+    rest.remove_prefix(std::min<std::size_t>(end - rest.data() + 1, rest.size()));
   }
   return {file};
 }
@@ -273,17 +273,17 @@ Mesh read_obj(std::string_view text, const std::string& file, Warnings& warnings
       polygon.clear();
       for (std::uint32_t i = 0; i < n; ++i) {
         const Corner& c = b.corners[at + i];
-        const auto check = [&](std::int32_t index, std::size_t size, const char* what) {
-          if (index < 0 || std::size_t(index) > size)
+        const auto check = [&](std::int32_t index, std::int64_t size, const char* what) {
+          if (index < 0 || index > size)
             throw Error(ErrorCode::kBadInput, face_location(b, f, text, file),
                         fmt::format("a face refers to {} {}, but the file has {}", what, index, size));
         };
-        check(c.position, positions.size(), "position");
-        check(c.uv, uvs.size(), "texture coordinate");
-        check(c.normal, normals.size(), "normal");
+        check(c.position, std::ssize(positions), "position");
+        check(c.uv, std::ssize(uvs), "texture coordinate");
+        check(c.normal, std::ssize(normals), "normal");
         has_uvs |= c.uv != 0;
         has_normals |= c.normal != 0;
-        std::uint32_t* link = &first[std::size_t(c.position) - 1];
+        std::uint32_t* link = &first[c.position - 1];
         int steps = 0;
         while (*link != kNone && (vertices[*link].uv != c.uv || vertices[*link].normal != c.normal) &&
                steps++ < kMaxChain)
@@ -294,7 +294,7 @@ Mesh read_obj(std::string_view text, const std::string& file, Warnings& warnings
         if (is_new) {
           *link = vertex;  // before push_back, which may move what `link` points into
           vertices.push_back({c.uv, c.normal, kNone});
-          mesh.positions.push_back(positions[std::size_t(c.position) - 1]);
+          mesh.positions.push_back(positions[c.position - 1]);
         }
         polygon.push_back(vertex);
       }
@@ -304,12 +304,11 @@ Mesh read_obj(std::string_view text, const std::string& file, Warnings& warnings
   }
   if (has_uvs) {
     mesh.uvs.reserve(vertices.size());
-    for (const Vertex& v : vertices) mesh.uvs.push_back(v.uv ? uvs[std::size_t(v.uv) - 1] : Vec2f{});
+    for (const Vertex& v : vertices) mesh.uvs.push_back(v.uv ? uvs[v.uv - 1] : Vec2f{});
   }
   if (has_normals) {
     mesh.normals.reserve(vertices.size());
-    for (const Vertex& v : vertices)
-      mesh.normals.push_back(v.normal ? normalize(normals[std::size_t(v.normal) - 1]) : Vec3f{});
+    for (const Vertex& v : vertices) mesh.normals.push_back(v.normal ? normalize(normals[v.normal - 1]) : Vec3f{});
   }
   return mesh;
 }

@@ -187,7 +187,7 @@ class Reader {
   void read_columns(const Element& element, const std::vector<Column>& columns);
   std::vector<Column> color_columns(const Element& element, std::vector<float>& rgb, std::vector<float>& alpha);
   std::optional<Column> column(const Element& element, std::initializer_list<std::string_view> names);
-  void note_unused(const Element& element, const std::vector<Column>& columns, std::size_t except = std::size_t(-1));
+  void note_unused(const Element& element, const std::vector<Column>& columns, std::size_t except = std::string::npos);
 
   /// The next value of a property or of a list's count.
   double next(Type type);
@@ -296,7 +296,7 @@ double Reader::next_number() {
   else if (failed != std::errc())
     fail(line_, at_ == bytes_.size() ? std::string("the file ends in the middle of its data")
                                      : fmt::format("cannot read the number \"{}\"", bytes_.substr(at_, 16)));
-  at_ = std::size_t(end - bytes_.data());
+  at_ = end - bytes_.data();
   return value;
 }
 
@@ -357,7 +357,7 @@ void Reader::note_unused(const Element& element, const std::vector<Column>& colu
 }
 
 void Reader::read_columns(const Element& element, const std::vector<Column>& columns) {
-  for (const Column& c : columns) c.target->resize(std::size_t(element.count) * std::size_t(c.components));
+  for (const Column& c : columns) c.target->resize(element.count * c.components);
   if (header_.format != Format::kAscii && !element.has_list()) {
     const std::size_t stride = element.stride();
     if ((bytes_.size() - at_) / std::max<std::size_t>(stride, 1) < element.count)
@@ -366,16 +366,15 @@ void Reader::read_columns(const Element& element, const std::vector<Column>& col
     const char* const records = bytes_.data() + at_;
     constexpr std::int64_t kRecords = 1 << 14;  // a block stays in the cache for all its columns
     parallel_for(0, (std::int64_t(element.count) + kRecords - 1) / kRecords, [&](std::int64_t block) {
-      const std::size_t begin = std::size_t(block * kRecords),
-                        end = std::min(begin + kRecords, std::size_t(element.count));
+      const std::size_t begin = block * kRecords, end = std::min(begin + kRecords, element.count);
       for (const Column& c : columns) {
         const PlyProperty& p = element.properties[c.property];
         float* const out = c.target->data() + c.component;
         for (std::size_t i = begin; i < end; ++i)
-          out[i * std::size_t(c.components)] = float(load(p.type, records + i * stride + p.offset, swap)) * c.scale;
+          out[i * c.components] = float(load(p.type, records + i * stride + p.offset, swap)) * c.scale;
       }
     });
-    at_ += stride * std::size_t(element.count);
+    at_ += stride * element.count;
     return;
   }
   std::vector<const Column*> by_property(element.properties.size(), nullptr);
@@ -387,7 +386,7 @@ void Reader::read_columns(const Element& element, const std::vector<Column>& col
         skip(p);
       } else {
         const Column& c = *by_property[k];
-        (*c.target)[i * std::size_t(c.components) + std::size_t(c.component)] = float(next(p.type)) * c.scale;
+        (*c.target)[i * c.components + c.component] = float(next(p.type)) * c.scale;
       }
     }
   }
@@ -432,9 +431,9 @@ void Reader::read_vertices(const Element& element) {
   mesh_.uvs = as<Vec2f>(uvs);
   mesh_.colors = as<Rgb>(rgb);
   mesh_.color_alphas = std::move(alpha);
-  for (std::size_t i = 0; i < mesh_.positions.size(); ++i)
+  for (int i = 0; i < std::ssize(mesh_.positions); ++i)
     if (!is_finite(mesh_.positions[i]))
-      fail(header_.format == Format::kAscii ? first_line + int(i) : 0,
+      fail(header_.format == Format::kAscii ? first_line + i : 0,
            fmt::format("vertex {} has a position that is not finite", i));
   for (Vec3f& n : mesh_.normals) n = is_finite(n) ? normalize(n) : Vec3f{};
   for (Vec2f& uv : mesh_.uvs)
@@ -458,7 +457,7 @@ void Reader::read_faces(const Element& element) {
   std::vector<const Column*> by_property(element.properties.size(), nullptr);
   for (const Column& c : columns) by_property[c.property] = &c;
 
-  mesh_.indices.reserve(std::size_t(element.count) * 3);
+  mesh_.indices.reserve(3 * element.count);
   std::vector<float> values(element.properties.size());
   std::vector<std::uint32_t> polygon;
   PolygonMesher mesher(mesh_);
@@ -486,8 +485,8 @@ void Reader::read_faces(const Element& element) {
     if (!mesher.add(polygon)) warnings_.add(kCrossedPolygon, {file_, data_line(), data_line() > 0 ? 1 : 0});
     for (std::size_t t = before; t < mesh_.triangle_count(); ++t) {
       for (const Column& c : columns) {
-        if (c.component == 0) c.target->resize(c.target->size() + std::size_t(c.components));
-        (*c.target)[c.target->size() - std::size_t(c.components - c.component)] = values[c.property];
+        if (c.component == 0) c.target->resize(c.target->size() + c.components);
+        (*c.target)[c.target->size() - (c.components - c.component)] = values[c.property];
       }
     }
   }

@@ -48,11 +48,11 @@ class Inflater {
     auto* out = static_cast<Bytef*>(target);
     while (size > 0) {
       if (stream_.avail_in == 0) {
-        stream_.avail_in = uInt(std::min<std::size_t>(rest_, std::size_t(1) << 30));
+        stream_.avail_in = uInt(std::min<std::size_t>(rest_, 1u << 30));
         rest_ -= stream_.avail_in;
       }
       stream_.next_out = out;
-      stream_.avail_out = uInt(std::min<std::size_t>(size, std::size_t(1) << 30));
+      stream_.avail_out = uInt(std::min<std::size_t>(size, 1u << 30));
       const uInt asked = stream_.avail_out;
       const int state = inflate(&stream_, Z_NO_FLUSH);
       const std::size_t got = asked - stream_.avail_out;
@@ -79,14 +79,14 @@ class Inflater {
     for (std::uint64_t done = 0; done < count;) {
       const std::uint64_t n = std::min(count - done, std::max(kPiece, done));
       spend(n * sizeof(float));
-      result.resize(std::size_t(done + n));
+      result.resize(done + n);
       if (wide) {
-        piece.resize(std::size_t(n));
-        read(piece.data(), std::size_t(n) * sizeof(double));
+        piece.resize(n);
+        read(piece.data(), n * sizeof(double));
         std::transform(piece.begin(), piece.end(), result.begin() + std::ptrdiff_t(done),
                        [](double v) { return float(v); });
       } else {
-        read(result.data() + done, std::size_t(n) * sizeof(float));
+        read(result.data() + done, n * sizeof(float));
       }
       done += n;
     }
@@ -98,8 +98,8 @@ class Inflater {
     for (std::uint64_t done = 0; done < count;) {
       const std::uint64_t n = std::min(count - done, std::max(kPiece, done));
       spend(n * sizeof(std::uint32_t));
-      result.resize(std::size_t(done + n));
-      read(result.data() + done, std::size_t(n) * sizeof(std::uint32_t));
+      result.resize(done + n);
+      read(result.data() + done, n * sizeof(std::uint32_t));
       done += n;
     }
     return result;
@@ -130,9 +130,9 @@ std::vector<T> as(const std::vector<float>& numbers) {
 Mesh read_serialized(std::string_view bytes, const std::string& file, int shape_index, std::uint64_t max_bytes) {
   const auto fail = [&](ErrorCode code, const std::string& message) -> void { throw Error(code, {file}, message); };
   const auto check_header = [&](std::uint64_t at) {
-    if (at > bytes.size() || bytes.size() - at < 4 || load<std::uint16_t>(bytes, std::size_t(at)) != kMagic)
+    if (at > bytes.size() || bytes.size() - at < 4 || load<std::uint16_t>(bytes, at) != kMagic)
       fail(ErrorCode::kBadInput, fmt::format("there is no serialized mesh at byte {}", at));
-    const auto version = load<std::uint16_t>(bytes, std::size_t(at) + 2);
+    const auto version = load<std::uint16_t>(bytes, at + 2);
     if (version != 3 && version != 4)
       fail(ErrorCode::kUnsupported,
            fmt::format("serialized meshes of version {} cannot be read; known: 3, 4", version));
@@ -149,12 +149,12 @@ Mesh read_serialized(std::string_view bytes, const std::string& file, int shape_
     if (shape_index < 0 || std::uint32_t(shape_index) >= count)
       fail(ErrorCode::kOutOfRange,
            fmt::format("there is no mesh {}; the file has meshes 0 to {}", shape_index, std::int64_t(count) - 1));
-    const std::size_t at = bytes.size() - 4 - entry * (count - std::size_t(shape_index));
+    const std::size_t at = bytes.size() - 4 - entry * (count - shape_index);
     offset = version == 4 ? load<std::uint64_t>(bytes, at) : load<std::uint32_t>(bytes, at);
     check_header(offset);
   }
 
-  Inflater in(bytes.substr(std::size_t(offset) + 4), file, max_bytes);
+  Inflater in(bytes.substr(offset + 4), file, max_bytes);
   const auto flags = in.value<std::uint32_t>();
   if (version == 4)
     while (in.value<char>() != 0) {  // the name of the shape

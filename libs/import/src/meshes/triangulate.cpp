@@ -155,7 +155,7 @@ class EarCutter {
     }
     size_ = std::clamp(int(std::sqrt(double(reflex.size()))), 1, 1024);
     scale_ = {size_ / std::max(hi.x - lo_.x, 1e-300), size_ / std::max(hi.y - lo_.y, 1e-300)};
-    first_.assign(std::size_t(size_) * std::size_t(size_) + 1, 0);
+    first_.assign(size_ * size_ + 1, 0);
     for (const std::uint32_t i : reflex) ++first_[cell(p_[i]) + 1];
     std::partial_sum(first_.begin(), first_.end(), first_.begin());
     items_.resize(reflex.size());
@@ -164,9 +164,7 @@ class EarCutter {
   }
   int column(double x) const { return int(std::clamp((x - lo_.x) * scale_.x, 0.0, size_ - 1.0)); }
   int row(double y) const { return int(std::clamp((y - lo_.y) * scale_.y, 0.0, size_ - 1.0)); }
-  std::size_t cell(const Vec2d& p) const {
-    return std::size_t(row(p.y)) * std::size_t(size_) + std::size_t(column(p.x));
-  }
+  int cell(const Vec2d& p) const { return row(p.y) * size_ + column(p.x); }
 
   bool is_ear(std::uint32_t i, Rank rank) {
     ++steps_;
@@ -182,8 +180,7 @@ class EarCutter {
     const int x0 = column(std::min({a.x, b.x, c.x})), x1 = column(std::max({a.x, b.x, c.x}));
     const int y0 = row(std::min({a.y, b.y, c.y})), y1 = row(std::max({a.y, b.y, c.y}));
     for (int y = y0; y <= y1; ++y) {
-      const std::size_t line = std::size_t(y) * std::size_t(size_);
-      const std::uint32_t begin = first_[line + std::size_t(x0)], end = first_[line + std::size_t(x1) + 1];
+      const std::uint32_t begin = first_[y * size_ + x0], end = first_[y * size_ + x1 + 1];
       steps_ += 1 + end - begin;
       for (std::uint32_t k = begin; k < end; ++k) {
         const std::uint32_t q = items_[k];

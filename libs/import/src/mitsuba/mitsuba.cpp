@@ -129,16 +129,6 @@ std::string Builder::text(const Object& object, std::string_view name, std::stri
   return *s;
 }
 
-std::string Builder::choice(const Object& object, std::string_view name, std::string_view fallback,
-                            std::span<const std::string_view> choices) const {
-  std::string value = text(object, name, fallback);
-  std::transform(value.begin(), value.end(), value.begin(), [](unsigned char c) { return char(std::tolower(c)); });
-  if (std::find(choices.begin(), choices.end(), value) == choices.end())
-    fail(ErrorCode::kUnknownName, place(object, name),
-         fmt::format("\"{}\" is no value of \"{}\"; known: {}", value, name, fmt::join(choices, ", ")));
-  return value;
-}
-
 Vec3d Builder::vector3(const Object& object, std::string_view name, const Vec3d& fallback) const {
   const Property* p = find(object, name);
   if (!p) return fallback;
@@ -196,6 +186,10 @@ const Object* Builder::named_child(const Object& object, std::string_view name) 
 
 void Builder::ignore(const Object& object, std::initializer_list<std::string_view> names) const {
   for (std::string_view name : names) find(object, name);
+}
+
+void Builder::ignore_all(const Object& object) const {
+  for (const Property& p : object.properties) p.used = true;
 }
 
 void Builder::finish(const Object& object) const {
@@ -257,25 +251,25 @@ int Builder::add_node(const Transform& transform, const Place& place, const std:
 
 Scene Builder::build(const std::filesystem::path& source) {
   scene_.source = source;
+  // The last ones are built where they are referred to.
+  static constexpr Named<void (Builder::*)(const Object&)> kTags[] = {{"shape", &Builder::add_shape},
+                                                                      {"sensor", &Builder::add_sensor},
+                                                                      {"emitter", &Builder::add_emitter},
+                                                                      {"integrator", &Builder::add_integrator},
+                                                                      {"bsdf", nullptr},
+                                                                      {"texture", nullptr},
+                                                                      {"spectrum", nullptr},
+                                                                      {"medium", nullptr}};
   // Mitsuba counts passing through a mask as an interaction.
   scene_.defaults.null_counts_as_bounce = true;
   for (const Property& p : document_.scene().properties) {
     if (!std::holds_alternative<ObjectPtr>(p.value) && !std::holds_alternative<Reference>(p.value)) continue;
-    p.used = true;
     const Object& object = document_.resolve(p);
+    const auto* tag = find_named(kTags, object.tag);
+    p.used = tag != nullptr;
+    if (!tag || !tag->value) continue;
     try {
-      if (object.tag == "shape")
-        add_shape(object);
-      else if (object.tag == "sensor")
-        add_sensor(object);
-      else if (object.tag == "emitter")
-        add_emitter(object);
-      else if (object.tag == "integrator")
-        add_integrator(object);
-      else if (object.tag == "bsdf" || object.tag == "texture" || object.tag == "spectrum" || object.tag == "medium")
-        ;  // built where it is referred to
-      else
-        p.used = false;
+      (this->*tag->value)(object);
     } catch (const Error& e) {
       errors_.push_back(e);
     }

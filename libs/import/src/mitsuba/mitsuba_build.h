@@ -6,13 +6,13 @@
 #include <map>
 #include <optional>
 #include <set>
-#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "input_files.h"
 #include "mitsuba_xml.h"
+#include "named.h"
 #include "tempera/core/log.h"
 #include "tempera/scene/scene.h"
 
@@ -54,8 +54,17 @@ class Builder {
   int integer(const Object& object, std::string_view name, int fallback, int min, int max) const;
   bool boolean(const Object& object, std::string_view name, bool fallback) const;
   std::string text(const Object& object, std::string_view name, std::string_view fallback) const;
-  std::string choice(const Object& object, std::string_view name, std::string_view fallback,
-                     std::span<const std::string_view> choices) const;  // in lower case
+  /// The entry of the table that a string names, upper case or lower.
+  template <class T, std::size_t N>
+  const Named<T>& choice(const Object& object, std::string_view name, std::string_view fallback,
+                         const Named<T> (&table)[N]) const {
+    const std::string value = lower_case(text(object, name, fallback));
+    const Named<T>* entry = find_named(table, value);
+    if (!entry)
+      fail(ErrorCode::kUnknownName, place(object, name),
+           "\"" + value + "\" is no value of \"" + std::string(name) + "\"; known: " + names_of(table));
+    return *entry;
+  }
   Vec3d vector3(const Object& object, std::string_view name, const Vec3d& fallback) const;
   Transform transform(const Object& object, std::string_view name) const;
   std::filesystem::path file(const Object& object, std::string_view name) const;  // required
@@ -64,9 +73,13 @@ class Builder {
   const Object* child(const Object& object, std::string_view tag) const;         // at most one, else nullptr
   const Object* named_child(const Object& object, std::string_view name) const;  // object-valued property or nullptr
   void ignore(const Object& object, std::initializer_list<std::string_view> names) const;
+  void ignore_all(const Object& object) const;
   /// Warns of each property that nothing asked for. Call when `object` is built.
   void finish(const Object& object) const;
   void warn(const std::string& what, const Place& place) const { warnings_.add(what, document_.loc(place)); }
+  void warn_replaced(const Object& object, std::string_view by) const {
+    warn(object.name() + " is replaced by " + std::string(by), object.place);
+  }
   [[noreturn]] void fail(ErrorCode code, const Place& place, const std::string& message) const {
     throw Error(code, document_.loc(place), message);
   }
@@ -84,7 +97,16 @@ class Builder {
   Slot slot(const Object& object, std::string_view name, Slot fallback, SpectrumKind kind = SpectrumKind::kReflectance);
   Slot texture_slot(const Object& texture, SpectrumKind kind);
   Slot make_texture_slot(const Object& texture, SpectrumKind kind);
-  std::shared_ptr<const Texture> bitmap(const Object& texture, SpectrumKind kind);
+  // What the plugins come to; make_texture_slot has the table.
+  Slot bitmap_texture(const Object& texture, SpectrumKind kind);
+  Slot checkerboard_texture(const Object& texture, SpectrumKind kind);
+  Slot scale_texture(const Object& texture, SpectrumKind kind);
+  Slot vertex_color_texture(const Object& texture, SpectrumKind kind);
+  Slot uniform_spectrum(const Object& texture, SpectrumKind kind);
+  Slot srgb_spectrum(const Object& texture, SpectrumKind kind);
+  Slot daylight_spectrum(const Object& texture, SpectrumKind kind);
+  Slot blackbody_spectrum(const Object& texture, SpectrumKind kind);
+  Slot sampled_spectrum(const Object& texture, SpectrumKind kind);
   UvTransform uv_transform(const Object& texture) const;
   /// A value that we take as constant only: textures are replaced by their mean, with a warning.
   Rgb constant(const Object& object, std::string_view name, const Rgb& fallback, SpectrumKind kind);
@@ -98,6 +120,21 @@ class Builder {
   MaterialPtr make_material(const Object& bsdf);
   /// A type of material_catalog() that is no plugin of Mitsuba's, by its name and parameters.
   MaterialPtr catalog_material(const Object& bsdf, const MaterialEntry& entry);
+  // What the plugins come to; make_material has the table.
+  MaterialPtr diffuse_bsdf(const Object& bsdf);
+  MaterialPtr conductor_bsdf(const Object& bsdf);
+  MaterialPtr dielectric_bsdf(const Object& bsdf);
+  MaterialPtr plastic_bsdf(const Object& bsdf);
+  MaterialPtr principled_bsdf(const Object& bsdf);
+  MaterialPtr two_sided_bsdf(const Object& bsdf);
+  MaterialPtr blend_bsdf(const Object& bsdf);
+  MaterialPtr mixture_bsdf(const Object& bsdf);
+  MaterialPtr mask_bsdf(const Object& bsdf);
+  MaterialPtr null_bsdf(const Object& bsdf);
+  MaterialPtr bump_bsdf(const Object& bsdf);
+  MaterialPtr coating_bsdf(const Object& bsdf);
+  MaterialPtr phong_bsdf(const Object& bsdf);
+  MaterialPtr diffuse_transmitter_bsdf(const Object& bsdf);
   NamedMaterial shape_material(const Object& shape, bool emits);
   float index_of_refraction(const Object& bsdf, std::string_view name, std::string_view fallback) const;
   Roughness roughness(const Object& bsdf);
@@ -108,6 +145,13 @@ class Builder {
   void add_shape(const Object& shape);
   /// Appends to Scene::shapes; `to_world` is applied to the geometry.
   int make_shape(const Object& shape, const Affine3d& to_world);
+  // What the plugins come to, made of an object into `shape`; make_shape has the table. `bake`: from object space.
+  void mesh_file(const Object& object, const Affine3d& bake, Shape& shape);
+  void rectangle_or_cube(const Object& object, const Affine3d& bake, Shape& shape);
+  void sphere(const Object& object, const Affine3d& bake, Shape& shape);
+  void disk(const Object& object, const Affine3d& bake, Shape& shape);
+  void cylinder(const Object& object, const Affine3d& bake, Shape& shape);
+  bool flips_normals(const Object& object) const { return boolean(object, "flip_normals", false); }
   void add_shape_group(const Object& group);
   void add_instance(const Object& instance);
   void warn_about_media(const Object& shape);
@@ -117,6 +161,15 @@ class Builder {
 
   // --- lights (mitsuba_lights.cpp) ---
   void add_emitter(const Object& emitter);
+  // What the plugins come to; add_emitter has the table.
+  void note_area_emitter(const Object& emitter);
+  void add_point(const Object& emitter);
+  void add_spot(const Object& emitter);
+  void add_directional(const Object& emitter);
+  void add_projector(const Object& emitter);
+  void add_light(const Object& emitter, PunctualLight light, const Transform& to_world);
+  /// Whether an emitter has the property, which excludes a to_world.
+  bool in_place_of_to_world(const Object& emitter, std::string_view name) const;
   AreaEmission area_emission(const Object& emitter);
   void add_environment(const Object& emitter);
   void add_sun_sky(const Object& emitter);

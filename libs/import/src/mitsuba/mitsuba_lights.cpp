@@ -39,68 +39,94 @@ AreaEmission Builder::area_emission(const Object& emitter) {
 }
 
 void Builder::add_emitter(const Object& emitter) {
-  const std::string& plugin = emitter.plugin;
-  if (plugin == "area") {  // defined here for shapes to refer to
-    if (emitter.id.empty() || !document_.is_referenced(emitter.id))
-      warn("an area emitter outside of a shape emits nothing", emitter.place);
-    return;
-  }
-  ignore(emitter, {"sampling_weight", "samples"});
-  if (plugin == "constant" || plugin == "envmap") return add_environment(emitter);
-  if (plugin == "sunsky" || plugin == "sky" || plugin == "sun") return add_sun_sky(emitter);
+  static constexpr Named<void (Builder::*)(const Object&)> kPlugins[] = {{"area", &Builder::note_area_emitter},
+                                                                         {"constant", &Builder::add_environment},
+                                                                         {"envmap", &Builder::add_environment},
+                                                                         {"sunsky", &Builder::add_sun_sky},
+                                                                         {"sky", &Builder::add_sun_sky},
+                                                                         {"sun", &Builder::add_sun_sky},
+                                                                         {"point", &Builder::add_point},
+                                                                         {"spot", &Builder::add_spot},
+                                                                         {"directional", &Builder::add_directional},
+                                                                         {"projector", &Builder::add_projector}};
+  if (const auto* plugin = find_named(kPlugins, emitter.plugin)) return (this->*plugin->value)(emitter);
+  ignore_all(emitter);
+  warn(fmt::format("{} is left out", emitter.name()), emitter.place);
+}
 
-  PunctualLight light;
-  light.name = emitter.id.empty() ? fmt::format("{}_{}", plugin, scene_.lights.size()) : emitter.id;
-  Transform to_world = transform(emitter, "to_world");
-  const auto exclusive = [&](std::string_view name) {
-    if (has(emitter, name) && has(emitter, "to_world"))
-      fail(ErrorCode::kBadInput, place(emitter, name), fmt::format("\"{}\" and \"to_world\" exclude each other", name));
-    return has(emitter, name);
-  };
-  if (plugin == "point") {
-    light.type = LightType::kPoint;
-    light.intensity = constant(emitter, "intensity", Rgb(1.0f), SpectrumKind::kEmission);
-    if (exclusive("position")) to_world.constant = translate(vector3(emitter, "position", {}));
-  } else if (plugin == "spot") {
-    light.type = LightType::kSpot;
-    light.intensity = constant(emitter, "intensity", Rgb(1.0f), SpectrumKind::kEmission);
-    const double cutoff = number(emitter, "cutoff_angle", 20, 1e-3, 89.999);
-    light.cutoff_angle = float(cutoff * kRadians);
-    light.beam_width = float(number(emitter, "beam_width", cutoff * 0.75, 0, cutoff) * kRadians);
-    const Slot image = slot(emitter, "texture", 1.0f);
-    light.texture = image.texture;
-    if (!image.texture) light.intensity = light.intensity.at(0) * image.factor.at(0);
-  } else if (plugin == "directional") {
-    light.type = LightType::kDirectional;
-    light.intensity = constant(emitter, "irradiance", Rgb(1.0f), SpectrumKind::kEmission);
-    if (exclusive("direction")) {
-      const Vec3d direction = vector3(emitter, "direction", {0, 0, 1});
-      if (length(direction) == 0)
-        fail(ErrorCode::kOutOfRange, place(emitter, "direction"), "the direction must not be zero");
-      to_world.constant = facing({}, direction);
-    }
-  } else if (plugin == "projector") {
-    light.type = LightType::kProjector;
-    const Object* image = named_child(emitter, "irradiance");
-    const Slot irradiance = slot(emitter, "irradiance", 1.0f, SpectrumKind::kEmission);
-    light.texture = irradiance.texture;
-    // Mitsuba's irradiance is that which a white diffuse surface at distance 1 shows as radiance.
-    light.intensity = irradiance.factor.at(0) * float(kPiD * number(emitter, "scale", 1, 0));
-    double aspect = 1;
-    if (image && image->plugin == "bitmap") {
-      const auto size = image_size(file(*image, "filename"), place(*image, "filename"));
-      aspect = double(size.x) / size.y;
-    }
-    light.projector_aspect = float(aspect);
-    bool vertical = false;
-    light.projector_fov = float(horizontal_fov(emitter, aspect, vertical));
-  } else {
-    for (const Property& p : emitter.properties) p.used = true;
-    return warn(fmt::format("{} is left out", emitter.name()), emitter.place);
-  }
+/// Area emitters that stand outside of shapes are there for shapes to refer to.
+void Builder::note_area_emitter(const Object& emitter) {
+  if (emitter.id.empty() || !document_.is_referenced(emitter.id))
+    warn("an area emitter outside of a shape emits nothing", emitter.place);
+}
+
+bool Builder::in_place_of_to_world(const Object& emitter, std::string_view name) const {
+  if (has(emitter, name) && has(emitter, "to_world"))
+    fail(ErrorCode::kBadInput, place(emitter, name), fmt::format("\"{}\" and \"to_world\" exclude each other", name));
+  return has(emitter, name);
+}
+
+void Builder::add_light(const Object& emitter, PunctualLight light, const Transform& to_world) {
+  light.name = emitter.id.empty() ? fmt::format("{}_{}", emitter.plugin, scene_.lights.size()) : emitter.id;
   light.node = add_node(to_world, place(emitter, "to_world"), light.name);
+  ignore(emitter, {"sampling_weight", "samples"});
   finish(emitter);
   scene_.lights.push_back(std::move(light));
+}
+
+void Builder::add_point(const Object& emitter) {
+  PunctualLight light;
+  light.type = LightType::kPoint;
+  light.intensity = constant(emitter, "intensity", Rgb(1.0f), SpectrumKind::kEmission);
+  Transform to_world = transform(emitter, "to_world");
+  if (in_place_of_to_world(emitter, "position")) to_world.constant = translate(vector3(emitter, "position", {}));
+  add_light(emitter, std::move(light), to_world);
+}
+
+void Builder::add_spot(const Object& emitter) {
+  PunctualLight light;
+  light.type = LightType::kSpot;
+  light.intensity = constant(emitter, "intensity", Rgb(1.0f), SpectrumKind::kEmission);
+  const double cutoff = number(emitter, "cutoff_angle", 20, 1e-3, 89.999);
+  light.cutoff_angle = float(cutoff * kRadians);
+  light.beam_width = float(number(emitter, "beam_width", cutoff * 0.75, 0, cutoff) * kRadians);
+  const Slot image = slot(emitter, "texture", 1.0f);
+  light.texture = image.texture;
+  if (!image.texture) light.intensity = light.intensity.at(0) * image.factor.at(0);
+  add_light(emitter, std::move(light), transform(emitter, "to_world"));
+}
+
+void Builder::add_directional(const Object& emitter) {
+  PunctualLight light;
+  light.type = LightType::kDirectional;
+  light.intensity = constant(emitter, "irradiance", Rgb(1.0f), SpectrumKind::kEmission);
+  Transform to_world = transform(emitter, "to_world");
+  if (in_place_of_to_world(emitter, "direction")) {
+    const Vec3d direction = vector3(emitter, "direction", {0, 0, 1});
+    if (length(direction) == 0)
+      fail(ErrorCode::kOutOfRange, place(emitter, "direction"), "the direction must not be zero");
+    to_world.constant = facing({}, direction);
+  }
+  add_light(emitter, std::move(light), to_world);
+}
+
+void Builder::add_projector(const Object& emitter) {
+  PunctualLight light;
+  light.type = LightType::kProjector;
+  const Object* image = named_child(emitter, "irradiance");
+  const Slot irradiance = slot(emitter, "irradiance", 1.0f, SpectrumKind::kEmission);
+  light.texture = irradiance.texture;
+  // Mitsuba's irradiance is that which a white diffuse surface at distance 1 shows as radiance.
+  light.intensity = irradiance.factor.at(0) * float(kPiD * number(emitter, "scale", 1, 0));
+  double aspect = 1;
+  if (image && image->plugin == "bitmap") {
+    const auto size = image_size(file(*image, "filename"), place(*image, "filename"));
+    aspect = double(size.x) / size.y;
+  }
+  light.projector_aspect = float(aspect);
+  bool vertical = false;
+  light.projector_fov = float(horizontal_fov(emitter, aspect, vertical));
+  add_light(emitter, std::move(light), transform(emitter, "to_world"));
 }
 
 Vec2i Builder::image_size(const std::filesystem::path& path, const Place& at) const {
@@ -111,6 +137,7 @@ Vec2i Builder::image_size(const std::filesystem::path& path, const Place& at) co
 }
 
 void Builder::add_environment(const Object& emitter) {
+  ignore(emitter, {"sampling_weight", "samples"});
   Environment environment;
   environment.name = emitter.id.empty() ? emitter.plugin : emitter.id;
   if (emitter.plugin == "constant") {
@@ -131,7 +158,7 @@ void Builder::add_environment(const Object& emitter) {
                        spec.nchannels));
     files_.charge(pixels * sizeof(Rgb), document_.loc(at));
     const int channels = std::min(spec.nchannels, 3);
-    std::vector<float> data(pixels * std::size_t(channels));
+    std::vector<float> data(pixels * channels);
     if (!in->read_image(0, 0, 0, channels, OIIO::TypeDesc::FLOAT, data.data()))
       fail(ErrorCode::kBadInput, at, fmt::format("cannot read the image \"{}\": {}", path.string(), in->geterror()));
     ColorSpace space = file_color_space(path);
@@ -146,7 +173,7 @@ void Builder::add_environment(const Object& emitter) {
     for (std::size_t i = 0; i < pixels; ++i) {
       Rgb stored;
       for (int c = 0; c < 3; ++c) {
-        float v = data[i * std::size_t(channels) + std::size_t(channels >= 3 ? c : 0)];
+        float v = data[i * channels + (channels >= 3 ? c : 0)];
         if (!(v >= 0) || !std::isfinite(v)) repaired = true, v = 0;
         stored[c] = v;
       }
@@ -176,6 +203,7 @@ Transform Builder::rotation_only(Transform t, const Place& at) const {
 }
 
 void Builder::add_sun_sky(const Object& emitter) {
+  ignore(emitter, {"sampling_weight", "samples"});
   const bool legacy = document_.is_legacy(emitter.place);
   SunSkyParams params;
   params.turbidity = number(emitter, "turbidity", 3, 1, 10);
@@ -229,7 +257,8 @@ void Builder::add_sun_sky(const Object& emitter) {
   environment.width = kSkyWidth;
   environment.height = kSkyWidth / 2;
   files_.charge(std::uint64_t(kSkyWidth) * (kSkyWidth / 2) * sizeof(Rgb), document_.loc(emitter.place));
-  environment.image = sun_sky_image(params, kSkyWidth);
+  const Grid<Rgb> image = sun_sky_image(params, kSkyWidth);
+  environment.image.assign(image.begin(), image.end());
   environment.node = add_node({world_from_model * kSkyFromEnvironment, {}}, emitter.place, environment.name);
   finish(emitter);
   scene_.environments.push_back(std::move(environment));

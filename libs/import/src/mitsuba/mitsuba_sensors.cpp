@@ -2,7 +2,6 @@
 // Mitsuba's sensors, films, samplers and integrators.
 #include <fmt/format.h>
 
-#include <array>
 #include <cmath>
 
 #include "mitsuba_build.h"
@@ -16,11 +15,17 @@ constexpr double kRadians = kPiD / 180;
 }  // namespace
 
 double Builder::horizontal_fov(const Object& object, double aspect, bool& vertical) const {
-  static constexpr std::array<std::string_view, 5> kAxes{"x", "y", "diagonal", "smaller", "larger"};
+  enum class Axis { kX, kY, kDiagonal };
+  const bool wide = aspect > 1;
+  const Named<Axis> axes[] = {{"x", Axis::kX},
+                              {"y", Axis::kY},
+                              {"diagonal", Axis::kDiagonal},
+                              {"smaller", wide ? Axis::kY : Axis::kX},
+                              {"larger", wide ? Axis::kX : Axis::kY}};
   if (has(object, "fov") && has(object, "focal_length"))
     fail(ErrorCode::kBadInput, place(object, "focal_length"), "\"fov\" and \"focal_length\" exclude each other");
   double angle;
-  std::string axis = choice(object, "fov_axis", "x", kAxes);
+  Axis axis = choice(object, "fov_axis", "x", axes).value;
   if (has(object, "fov")) {
     angle = number(object, "fov", 45, 1e-6, 179.999999) * kRadians;
   } else {  // of a 35 mm camera: the diagonal of a 36 x 24 mm picture
@@ -34,13 +39,11 @@ double Builder::horizontal_fov(const Object& object, double aspect, bool& vertic
       fail(ErrorCode::kBadInput, place(object, "focal_length"),
            fmt::format("\"{}\" is no focal length; expected e.g. 50mm", length));
     angle = 2 * std::atan(std::sqrt(36.0 * 36 + 24 * 24) / (2 * mm[0]));
-    axis = "diagonal";
+    axis = Axis::kDiagonal;
   }
-  if (axis == "smaller") axis = aspect > 1 ? "y" : "x";
-  if (axis == "larger") axis = aspect > 1 ? "x" : "y";
-  vertical = axis == "y";
-  if (axis == "y") return 2 * std::atan(std::tan(angle / 2) * aspect);
-  if (axis == "diagonal") return 2 * std::atan(std::tan(angle / 2) / std::sqrt(1 + 1 / (aspect * aspect)));
+  vertical = axis == Axis::kY;
+  if (vertical) return 2 * std::atan(std::tan(angle / 2) * aspect);
+  if (axis == Axis::kDiagonal) return 2 * std::atan(std::tan(angle / 2) / std::sqrt(1 + 1 / (aspect * aspect)));
   return angle;
 }
 
@@ -48,7 +51,7 @@ void Builder::add_sensor(const Object& sensor) {
   const std::string& plugin = sensor.plugin;
   const bool perspective = plugin == "perspective" || plugin == "thinlens" || plugin == "perspective_rdist";
   if (!perspective && plugin != "orthographic") {
-    for (const Property& p : sensor.properties) p.used = true;
+    ignore_all(sensor);
     return warn(fmt::format("{} is left out", sensor.name()), sensor.place);
   }
   const Object* film = child(sensor, "film");
@@ -119,7 +122,7 @@ void Builder::add_sensor(const Object& sensor) {
   if (const Object* sampler = child(sensor, "sampler")) {
     const int count = integer(*sampler, "sample_count", 4, 1, 1 << 30);
     if (first) scene_.defaults.spp = count;
-    for (const Property& p : sampler->properties) p.used = true;  // how samples are drawn is ours to choose
+    ignore_all(*sampler);  // how samples are drawn is ours to choose
   }
   for (const Object* medium : children(sensor, "medium")) warn("the medium around a sensor is ignored", medium->place);
   finish(sensor);
@@ -153,11 +156,11 @@ void Builder::film_defaults(const Object& film, int width, int height, bool firs
       defaults.filter_radius = 2;
       const double b = number(*filter, "B", 1.0 / 3), c = number(*filter, "C", 1.0 / 3);
       if (name != "mitchell" || std::abs(b - 1.0 / 3) > 1e-3 || std::abs(c - 1.0 / 3) > 1e-3)
-        warn(fmt::format("{} is replaced by the mitchell filter with B = C = 1/3", filter->name()), filter->place);
+        warn_replaced(*filter, "the mitchell filter with B = C = 1/3");
       ignore(*filter, {"lobes"});
     } else {
-      warn(fmt::format("{} is replaced by the gaussian filter", filter->name()), filter->place);
-      for (const Property& p : filter->properties) p.used = true;
+      warn_replaced(*filter, "the gaussian filter");
+      ignore_all(*filter);
     }
     finish(*filter);
   }
@@ -178,8 +181,8 @@ void Builder::add_integrator(const Object& integrator) {
       plugin == "irrcache") {
     for (const Object* nested : children(integrator, "integrator")) add_integrator(*nested);
     if (plugin != "moment" && plugin != "aov" && plugin != "multichannel")
-      warn(fmt::format("{} is replaced by what it contains", integrator.name()), integrator.place);
-    for (const Property& p : integrator.properties) p.used = true;
+      warn_replaced(integrator, "what it contains");
+    ignore_all(integrator);
     return;
   }
   defaults.hide_emitters = boolean(integrator, "hide_emitters", false);
@@ -191,8 +194,8 @@ void Builder::add_integrator(const Object& integrator) {
   } else if (plugin.starts_with("volpath")) {
     defaults.null_counts_as_bounce = false;
   } else if (plugin != "path" && plugin != "ptracer") {
-    warn(fmt::format("{} is replaced by path", integrator.name()), integrator.place);
-    for (const Property& p : integrator.properties) p.used = true;
+    warn_replaced(integrator, "path");
+    ignore_all(integrator);
   }
   finish(integrator);
 }

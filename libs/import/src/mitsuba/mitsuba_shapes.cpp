@@ -94,7 +94,76 @@ void Builder::warn_about_media(const Object& shape) {
          medium->place);
 }
 
+void Builder::mesh_file(const Object& object, const Affine3d& bake, Shape& shape) {
+  const bool is_obj = object.plugin == "obj";
+  MeshOptions options;
+  options.bake = bake;
+  options.flip_normals = flips_normals(object);
+  options.face_normals = boolean(object, "face_normals", false);
+  options.flip_v = boolean(object, "flip_tex_coords", is_obj);
+  if (has(object, "max_smooth_angle")) options.max_smooth_angle = number(object, "max_smooth_angle", 0, 0, 180);
+  ignore(object, {"collapse", "srgb"});
+  const std::filesystem::path path = file(object, "filename");
+  const SourceLoc loc = document_.loc(place(object, "filename"));
+  std::function<Mesh()> read;
+  if (object.plugin == "serialized") {
+    const int shape_index = integer(object, "shape_index", 0, 0, 1 << 30);
+    read = [contents = shared_contents(path, loc), path, shape_index, limit = files_.memory_limit()] {
+      return read_serialized(contents->view(), path.string(), shape_index, limit);
+    };
+    if (shape.name.empty()) shape.name = fmt::format("{}_{}", path.stem().string(), shape_index);
+  } else {
+    if (shape.name.empty()) shape.name = path.stem().string();
+    read = [this, path, loc, is_obj] {
+      const FileContents contents = files_.read(path, loc);
+      return (is_obj ? read_obj : read_ply)(contents.view(), path.string(), warnings_);
+    };
+  }
+  jobs_.push_back({int(scene_.shapes.size()), &object, [read = std::move(read), options] {
+                     Mesh mesh = read();
+                     finish_mesh(mesh, options);
+                     return mesh;
+                   }});
+}
+
+void Builder::rectangle_or_cube(const Object& object, const Affine3d& bake, Shape& shape) {
+  Mesh mesh = object.plugin == "cube" ? textured_cube() : make_rectangle();
+  tempera::transform(mesh, bake);
+  mesh.flip_normals = flips_normals(object);
+  shape.geometry = std::move(mesh);
+}
+
+void Builder::sphere(const Object& object, const Affine3d& bake, Shape& shape) {
+  const double radius = number(object, "radius", 1, 1e-30);
+  const Affine3d map = bake * translate(vector3(object, "center", {})) * scale(Vec3d{radius, radius, radius});
+  const bool inside_out = map.determinant() < 0;  // as a mirrored sphere is
+  shape.geometry = Sphere{Affine3f(map), flips_normals(object) != inside_out};
+}
+
+void Builder::disk(const Object& object, const Affine3d& bake, Shape& shape) {
+  shape.geometry = Disk{Affine3f(bake), flips_normals(object)};
+}
+
+void Builder::cylinder(const Object& object, const Affine3d& bake, Shape& shape) {
+  const Vec3d p0 = vector3(object, "p0", {0, 0, 0}), p1 = vector3(object, "p1", {0, 0, 1});
+  const double radius = number(object, "radius", 1, 1e-30), height = length(p1 - p0);
+  if (height == 0) fail(ErrorCode::kOutOfRange, object.place, "the end points p0 and p1 of a cylinder must differ");
+  const Basis frame{Vec3f((p1 - p0) / height)};
+  const Affine3d along{Vec3d(frame.s) * radius, Vec3d(frame.t) * radius, p1 - p0, p0};
+  shape.geometry = Cylinder{Affine3f(bake * along), flips_normals(object)};
+}
+
 int Builder::make_shape(const Object& object, const Affine3d& to_world) {
+  static constexpr Named<void (Builder::*)(const Object&, const Affine3d&, Shape&)> kPlugins[] = {
+      {"obj", &Builder::mesh_file},
+      {"ply", &Builder::mesh_file},
+      {"serialized", &Builder::mesh_file},
+      {"rectangle", &Builder::rectangle_or_cube},
+      {"cube", &Builder::rectangle_or_cube},
+      {"sphere", &Builder::sphere},
+      {"disk", &Builder::disk},
+      {"cylinder", &Builder::cylinder},
+  };
   for (const Vec3d& v : {to_world.x, to_world.y, to_world.z, to_world.translation})
     if (!(length(v) < 1e30))
       fail(ErrorCode::kOutOfRange, place(object, "to_world"), "the transform of a shape is too large");
@@ -116,65 +185,18 @@ int Builder::make_shape(const Object& object, const Affine3d& to_world) {
   ignore(object, {"silhouette_sampling_weight"});
 
   const int index = int(scene_.shapes.size());
-  const std::string& plugin = object.plugin;
-  const bool flip = boolean(object, "flip_normals", false);
-  if (plugin == "obj" || plugin == "ply" || plugin == "serialized") {
-    MeshOptions options;
-    options.bake = bake;
-    options.flip_normals = flip;
-    options.face_normals = boolean(object, "face_normals", false);
-    options.flip_v = boolean(object, "flip_tex_coords", plugin == "obj");
-    if (has(object, "max_smooth_angle")) options.max_smooth_angle = number(object, "max_smooth_angle", 0, 0, 180);
-    ignore(object, {"collapse", "srgb"});
-    const std::filesystem::path path = file(object, "filename");
-    const SourceLoc loc = document_.loc(place(object, "filename"));
-    std::function<Mesh()> read;
-    if (plugin == "serialized") {
-      const int shape_index = integer(object, "shape_index", 0, 0, 1 << 30);
-      read = [contents = shared_contents(path, loc), path, shape_index, limit = files_.memory_limit()] {
-        return read_serialized(contents->view(), path.string(), shape_index, limit);
-      };
-      if (shape.name.empty()) shape.name = fmt::format("{}_{}", path.stem().string(), shape_index);
-    } else {
-      if (shape.name.empty()) shape.name = path.stem().string();
-      read = [this, path, loc, is_obj = plugin == "obj"] {
-        const FileContents contents = files_.read(path, loc);
-        return (is_obj ? read_obj : read_ply)(contents.view(), path.string(), warnings_);
-      };
-    }
-    jobs_.push_back({index, &object, [read = std::move(read), options] {
-                       Mesh mesh = read();
-                       finish_mesh(mesh, options);
-                       return mesh;
-                     }});
-  } else if (plugin == "rectangle" || plugin == "cube") {
-    Mesh mesh = plugin == "cube" ? textured_cube() : make_rectangle();
-    tempera::transform(mesh, bake);
-    mesh.flip_normals = flip;
-    shape.geometry = std::move(mesh);
-  } else if (plugin == "sphere") {
-    const double radius = number(object, "radius", 1, 1e-30);
-    const Affine3d map = bake * translate(vector3(object, "center", {})) * scale(Vec3d{radius, radius, radius});
-    shape.geometry = Sphere{Affine3f(map), flip != (map.determinant() < 0)};  // a mirrored sphere is turned inside out
-  } else if (plugin == "disk") {
-    shape.geometry = Disk{Affine3f(bake), flip};
-  } else if (plugin == "cylinder") {
-    const Vec3d p0 = vector3(object, "p0", {0, 0, 0}), p1 = vector3(object, "p1", {0, 0, 1});
-    const double radius = number(object, "radius", 1, 1e-30), height = length(p1 - p0);
-    if (height == 0) fail(ErrorCode::kOutOfRange, object.place, "the end points p0 and p1 of a cylinder must differ");
-    const Basis frame{Vec3f((p1 - p0) / height)};
-    const Affine3d along{Vec3d(frame.s) * radius, Vec3d(frame.t) * radius, p1 - p0, p0};
-    shape.geometry = Cylinder{Affine3f(bake * along), flip};
-  } else {
-    for (const Property& p : object.properties) p.used = true;
+  const auto* plugin = find_named(kPlugins, object.plugin);
+  if (!plugin) {
+    ignore_all(object);
     warn(fmt::format("{} is left out", object.name()), object.place);
     return -1;
   }
+  (this->*plugin->value)(object, bake, shape);
   if (!placed) {  // scaled to a line or a point: nothing of it is seen
     if (!jobs_.empty() && jobs_.back().shape == index) jobs_.pop_back();
     shape.geometry = Mesh{};
   }
-  if (shape.name.empty()) shape.name = fmt::format("{}_{}", plugin, index);
+  if (shape.name.empty()) shape.name = fmt::format("{}_{}", object.plugin, index);
   shape.name = unique_name(shape.name);
   scene_.shapes.push_back(std::move(shape));
   finish(object);

@@ -2,7 +2,6 @@
 // Spectra and textures of Mitsuba scenes as slots of our materials.
 #include <fmt/format.h>
 
-#include <array>
 #include <cmath>
 
 #include "mitsuba_build.h"
@@ -84,29 +83,28 @@ UvTransform Builder::uv_transform(const Object& texture) const {
   return uv;
 }
 
-std::shared_ptr<const Texture> Builder::bitmap(const Object& texture, SpectrumKind kind) {
+Slot Builder::bitmap_texture(const Object& texture, SpectrumKind kind) {
   ImageTextureParams params;
   params.file = file(texture, "filename");
   files_.note(params.file, document_.loc(place(texture, "filename")));
   params.transform = uv_transform(texture);
 
-  static constexpr std::array<std::string_view, 4> kFilters{"bilinear", "nearest", "trilinear", "ewa"};
-  const std::string filter = choice(texture, "filter_type", "bilinear", kFilters);
-  params.filter = filter == "nearest"    ? TextureFilter::kNearest
-                  : filter == "bilinear" ? TextureFilter::kBilinear
-                                         : TextureFilter::kMipmap;
+  static constexpr Named<TextureFilter> kFilters[] = {{"bilinear", TextureFilter::kBilinear},
+                                                      {"nearest", TextureFilter::kNearest},
+                                                      {"trilinear", TextureFilter::kMipmap},
+                                                      {"ewa", TextureFilter::kMipmap}};
+  params.filter = choice(texture, "filter_type", "bilinear", kFilters).value;
   ignore(texture, {"max_anisotropy", "cache", "format", "accel"});  // how, not what
 
-  static constexpr std::array<std::string_view, 7> kWraps{"repeat", "mirror", "clamp", "zero", "black", "one", "white"};
-  const std::string both = choice(texture, "wrap_mode", "repeat", kWraps);
+  static constexpr Named<Wrap> kWraps[] = {
+      {"repeat", Wrap::kRepeat}, {"mirror", Wrap::kMirror}, {"clamp", Wrap::kClamp}, {"zero", Wrap::kBlack},
+      {"black", Wrap::kBlack},   {"one", Wrap::kClamp},     {"white", Wrap::kClamp}};
+  const std::string_view both = choice(texture, "wrap_mode", "repeat", kWraps).name;
   const auto wrap = [&](std::string_view name) {
-    const std::string mode = choice(texture, name, both, kWraps);
-    if (mode == "one" || mode == "white")
-      warn("texture wrap mode \"" + mode + "\" is treated as clamp", place(texture, name));
-    return mode == "repeat"                    ? Wrap::kRepeat
-           : mode == "mirror"                  ? Wrap::kMirror
-           : mode == "zero" || mode == "black" ? Wrap::kBlack
-                                               : Wrap::kClamp;
+    const Named<Wrap>& mode = choice(texture, name, both, kWraps);
+    if (mode.value == Wrap::kClamp && mode.name != "clamp")
+      warn(fmt::format("texture wrap mode \"{}\" is treated as clamp", mode.name), place(texture, name));
+    return mode.value;
   };
   params.wrap_u = wrap("wrap_mode_u");
   params.wrap_v = wrap("wrap_mode_v");
@@ -122,14 +120,16 @@ std::shared_ptr<const Texture> Builder::bitmap(const Object& texture, SpectrumKi
         warn(fmt::format("texture gamma {} is treated as the sRGB curve", gamma), place(texture, "gamma"));
     }
   }
-  static constexpr std::array<std::string_view, 8> kChannels{"", "r", "g", "b", "a", "x", "y", "z"};
-  const std::string channel = choice(texture, "channel", "", kChannels);
-  params.channel = channel == "r" || channel == "x"                                 ? Channel::kR
-                   : channel == "g" || channel == "y"                               ? Channel::kG
-                   : channel == "b" || channel == "z"                               ? Channel::kB
-                   : channel == "a"                                                 ? Channel::kA
-                   : kind == SpectrumKind::kScalar || kind == SpectrumKind::kHeight ? Channel::kLuminance
-                                                                                    : Channel::kRgb;
+  const bool one_number = kind == SpectrumKind::kScalar || kind == SpectrumKind::kHeight;
+  const Named<Channel> channels[] = {{"", one_number ? Channel::kLuminance : Channel::kRgb},
+                                     {"r", Channel::kR},
+                                     {"g", Channel::kG},
+                                     {"b", Channel::kB},
+                                     {"a", Channel::kA},
+                                     {"x", Channel::kR},
+                                     {"y", Channel::kG},
+                                     {"z", Channel::kB}};
+  params.channel = choice(texture, "channel", "", channels).value;
   params.keep_negative = kind == SpectrumKind::kHeight;
   params.warnings = &warnings_;
   return make_image_texture(params, document_.loc(place(texture, "filename")));
@@ -144,87 +144,109 @@ Slot Builder::texture_slot(const Object& texture, SpectrumKind kind) {
   return result;
 }
 
+Slot Builder::checkerboard_texture(const Object& texture, SpectrumKind kind) {
+  ignore(texture, {"line_width"});
+  return make_checkerboard(slot(texture, "color0", 0.4f, kind), slot(texture, "color1", 0.2f, kind),
+                           uv_transform(texture));
+}
+
+/// Of Mitsuba 0.6: a nested texture times a number or color.
+Slot Builder::scale_texture(const Object& texture, SpectrumKind kind) {
+  const Slot scale = slot(texture, "scale", 1.0f, SpectrumKind::kUnbounded);
+  for (const Object* nested : children(texture, "texture")) {
+    const Slot inner = texture_slot(*nested, kind);
+    return Slot(scale.factor.at(0) * inner.factor.at(0), inner.texture);
+  }
+  for (const Property& p : texture.properties)  // or a constant under any name
+    if (!p.used && !p.name.empty() && p.name != "scale")
+      return scale.factor.at(0) * slot(texture, p.name, 1.0f, kind).factor.at(0);
+  fail(ErrorCode::kBadInput, texture.place, "the scale texture has nothing to scale; nest a texture in it");
+}
+
+Slot Builder::vertex_color_texture(const Object& texture, SpectrumKind) {
+  const std::string name = text(texture, "name", "vertex_color");
+  const float scale = float(number(texture, "scale", 1));
+  if (name == "vertex_color" || name == "face_color") return make_vertex_color(scale);
+  warn(fmt::format("mesh attribute \"{}\" is replaced by white; only vertex_color and face_color are read", name),
+       texture.place);
+  return Rgb(scale);
+}
+
+// --- spectra as objects ---
+
+Slot Builder::uniform_spectrum(const Object& texture, SpectrumKind kind) {
+  ignore(texture, {"wavelength_min", "wavelength_max"});
+  if (const Property* p = find(texture, "value")) {
+    if (const auto* v = std::get_if<Vec3d>(&p->value)) return rgb_of(*v);
+    if (texture.plugin == "uniform" && kind == SpectrumKind::kEmission)
+      return xyz_to_rgb(Rgb(1.0f)) * float(number(texture, "value", 1));
+    return color(*p, kind);
+  }
+  fail(ErrorCode::kBadInput, texture.place, fmt::format("{} needs a \"value\"", texture.name()));
+}
+
+Slot Builder::srgb_spectrum(const Object& texture, SpectrumKind kind) {
+  ignore(texture, {"unbounded"});
+  if (const Property* p = find(texture, "color")) return color(*p, kind);
+  fail(ErrorCode::kBadInput, texture.place, fmt::format("{} needs a \"color\"", texture.name()));
+}
+
+Slot Builder::daylight_spectrum(const Object& texture, SpectrumKind) {
+  const float scale = float(number(texture, "scale", 1));
+  for (const Object* nested : children(texture, "texture")) {
+    Slot inner = texture_slot(*nested, SpectrumKind::kUnbounded);
+    return Slot(inner.factor.at(0) * scale, inner.texture);
+  }
+  return slot(texture, "color", 1.0f, SpectrumKind::kUnbounded).factor.at(0) * scale;
+}
+
+Slot Builder::blackbody_spectrum(const Object& texture, SpectrumKind) {
+  ignore(texture, {"wavelength_min", "wavelength_max"});
+  if (!has(texture, "temperature"))
+    fail(ErrorCode::kBadInput, texture.place, "a blackbody needs a \"temperature\" in kelvin");
+  return blackbody_rgb(float(number(texture, "temperature", 0, 1, 1e6))) * float(number(texture, "scale", 1));
+}
+
+Slot Builder::sampled_spectrum(const Object& texture, SpectrumKind kind) {
+  if (const Property* p = find(texture, "value")) return color(*p, kind);
+  Property sampled{"value", Spectrum{}, texture.place};
+  auto& s = std::get<Spectrum>(sampled.value);
+  if (!parse_numbers(text(texture, "values", ""), s.values) || s.values.size() < 2)
+    fail(ErrorCode::kBadInput, place(texture, "values"), "\"values\" needs at least two numbers");
+  if (texture.plugin == "regular") {
+    const double lo = number(texture, "wavelength_min", 360, 1), hi = number(texture, "wavelength_max", 830, lo + 1e-3);
+    for (std::size_t i = 0; i < s.values.size(); ++i)
+      s.wavelengths.push_back(lo + (hi - lo) * double(i) / double(s.values.size() - 1));
+  } else if (!parse_numbers(text(texture, "wavelengths", ""), s.wavelengths) ||
+             s.wavelengths.size() != s.values.size()) {
+    fail(ErrorCode::kBadInput, place(texture, "wavelengths"),
+         fmt::format("\"wavelengths\" needs as many numbers as \"values\", which has {}", s.values.size()));
+  }
+  for (std::size_t i = 1; i < s.wavelengths.size(); ++i)
+    if (s.wavelengths[i] <= s.wavelengths[i - 1])
+      fail(ErrorCode::kBadInput, place(texture, "wavelengths"), "wavelengths must increase");
+  return color(sampled, kind);
+}
+
 Slot Builder::make_texture_slot(const Object& texture, SpectrumKind kind) {
-  const std::string& plugin = texture.plugin;
-  if (plugin == "bitmap") return bitmap(texture, kind);
-  if (plugin == "checkerboard") {
-    ignore(texture, {"line_width"});
-    return make_checkerboard(slot(texture, "color0", 0.4f, kind), slot(texture, "color1", 0.2f, kind),
-                             uv_transform(texture));
-  }
-  if (plugin == "scale") {  // 0.6: a nested texture times a number or color
-    Slot scale = slot(texture, "scale", 1.0f, SpectrumKind::kUnbounded);
-    for (const Object* nested : children(texture, "texture")) {
-      Slot inner = texture_slot(*nested, kind);
-      return Slot(scale.factor.at(0) * inner.factor.at(0), inner.texture);
-    }
-    for (const Property& p : texture.properties)  // or a constant under any name
-      if (!p.used && !p.name.empty() && p.name != "scale")
-        return scale.factor.at(0) * slot(texture, p.name, 1.0f, kind).factor.at(0);
-    fail(ErrorCode::kBadInput, texture.place, "the scale texture has nothing to scale; nest a texture in it");
-  }
-  if (plugin == "mesh_attribute" || plugin == "vertexcolors") {
-    const std::string name = text(texture, "name", "vertex_color");
-    const float scale = float(number(texture, "scale", 1));
-    if (name == "vertex_color" || name == "face_color") return make_vertex_color(scale);
-    warn(fmt::format("mesh attribute \"{}\" is replaced by white; only vertex_color and face_color are read", name),
-         texture.place);
-    return Rgb(scale);
-  }
-  // Spectra as objects.
-  if (plugin == "uniform" || plugin == "rawconstant") {
-    ignore(texture, {"wavelength_min", "wavelength_max"});
-    if (const Property* p = find(texture, "value")) {
-      if (const auto* v = std::get_if<Vec3d>(&p->value)) return rgb_of(*v);
-      if (plugin == "uniform" && kind == SpectrumKind::kEmission)
-        return xyz_to_rgb(Rgb(1.0f)) * float(number(texture, "value", 1));
-      return color(*p, kind);
-    }
-    fail(ErrorCode::kBadInput, texture.place, fmt::format("{} needs a \"value\"", texture.name()));
-  }
-  if (plugin == "srgb") {
-    ignore(texture, {"unbounded"});
-    if (const Property* p = find(texture, "color")) return color(*p, kind);
-    fail(ErrorCode::kBadInput, texture.place, fmt::format("{} needs a \"color\"", texture.name()));
-  }
-  if (plugin == "d65") {
-    const float scale = float(number(texture, "scale", 1));
-    for (const Object* nested : children(texture, "texture")) {
-      Slot inner = texture_slot(*nested, SpectrumKind::kUnbounded);
-      return Slot(inner.factor.at(0) * scale, inner.texture);
-    }
-    return slot(texture, "color", 1.0f, SpectrumKind::kUnbounded).factor.at(0) * scale;
-  }
-  if (plugin == "blackbody") {
-    ignore(texture, {"wavelength_min", "wavelength_max"});
-    if (!has(texture, "temperature"))
-      fail(ErrorCode::kBadInput, texture.place, "a blackbody needs a \"temperature\" in kelvin");
-    return blackbody_rgb(float(number(texture, "temperature", 0, 1, 1e6))) * float(number(texture, "scale", 1));
-  }
-  if (plugin == "regular" || plugin == "irregular") {
-    if (const Property* p = find(texture, "value")) return color(*p, kind);
-    Property sampled{"value", Spectrum{}, texture.place};
-    auto& s = std::get<Spectrum>(sampled.value);
-    if (!parse_numbers(text(texture, "values", ""), s.values) || s.values.size() < 2)
-      fail(ErrorCode::kBadInput, place(texture, "values"), "\"values\" needs at least two numbers");
-    if (plugin == "regular") {
-      const double lo = number(texture, "wavelength_min", 360, 1),
-                   hi = number(texture, "wavelength_max", 830, lo + 1e-3);
-      for (std::size_t i = 0; i < s.values.size(); ++i)
-        s.wavelengths.push_back(lo + (hi - lo) * double(i) / double(s.values.size() - 1));
-    } else if (!parse_numbers(text(texture, "wavelengths", ""), s.wavelengths) ||
-               s.wavelengths.size() != s.values.size()) {
-      fail(ErrorCode::kBadInput, place(texture, "wavelengths"),
-           fmt::format("\"wavelengths\" needs as many numbers as \"values\", which has {}", s.values.size()));
-    }
-    for (std::size_t i = 1; i < s.wavelengths.size(); ++i)
-      if (s.wavelengths[i] <= s.wavelengths[i - 1])
-        fail(ErrorCode::kBadInput, place(texture, "wavelengths"), "wavelengths must increase");
-    return color(sampled, kind);
-  }
+  static constexpr Named<Slot (Builder::*)(const Object&, SpectrumKind)> kPlugins[] = {
+      {"bitmap", &Builder::bitmap_texture},
+      {"checkerboard", &Builder::checkerboard_texture},
+      {"scale", &Builder::scale_texture},
+      {"mesh_attribute", &Builder::vertex_color_texture},
+      {"vertexcolors", &Builder::vertex_color_texture},
+      {"uniform", &Builder::uniform_spectrum},
+      {"rawconstant", &Builder::uniform_spectrum},
+      {"srgb", &Builder::srgb_spectrum},
+      {"d65", &Builder::daylight_spectrum},
+      {"blackbody", &Builder::blackbody_spectrum},
+      {"regular", &Builder::sampled_spectrum},
+      {"irregular", &Builder::sampled_spectrum},
+  };
+  if (const auto* plugin = find_named(kPlugins, texture.plugin)) return (this->*plugin->value)(texture, kind);
   const Rgb substitute = kind == SpectrumKind::kReflectance ? Rgb(0.5f) : Rgb(1.0f);
-  warn(fmt::format("{} is replaced by a constant {}", texture.name(), substitute.r), texture.place);
-  for (const Property& p : texture.properties) p.used = true;  // one message is enough
+  warn_replaced(texture, fmt::format("a constant {}", substitute.r));
+  ignore_all(texture);  // one message is enough
   return substitute;
 }
 

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "input_files.h"
+#include "mitsuba_text.h"
 #include "tempera/core/log.h"
 #include "tempera/core/vec.h"
 
@@ -105,8 +106,5 @@ class Document {
   std::map<std::string, Place, std::less<>> referenced_;
   ObjectPtr scene_;
 };
-
-/// Numbers separated by blanks and commas. False if something else is in `text` or a number is not finite.
-bool parse_numbers(std::string_view text, std::vector<double>& numbers);
 
 }  // namespace tempera::mitsuba

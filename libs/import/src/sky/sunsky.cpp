@@ -89,9 +89,9 @@ Rgb sun_irradiance(const SunSkyParams& params) {
   return result;
 }
 
-std::vector<Rgb> sun_sky_image(const SunSkyParams& params, int width) {
+Grid<Rgb> sun_sky_image(const SunSkyParams& params, int width) {
   const int height = width / 2;
-  std::vector<Rgb> image(std::size_t(width) * std::size_t(height));
+  Grid<Rgb> image(width, height);
   const Sky sky(params);
   // Direction of image coordinates (pixels), z up.
   const auto direction = [&](double x, double y) {
@@ -100,12 +100,10 @@ std::vector<Rgb> sun_sky_image(const SunSkyParams& params, int width) {
     return Vec3d{s * std::sin(phi), s * std::cos(phi), std::cos(theta)};  // env (x, y, z) = model (x, z, -y)
   };
   if (params.sky_scale > 0) {
-    parallel_for(
+    parallel_rows(
         0, height / 2,
-        [&](std::int64_t y) {
-          for (int x = 0; x < width; ++x)
-            image[std::size_t(y) * std::size_t(width) + std::size_t(x)] =
-                sky.radiance(direction(x + 0.5, double(y) + 0.5));
+        [&](int y) {
+          for (int x = 0; x < width; ++x) image.at(x, y) = sky.radiance(direction(x + 0.5, y + 0.5));
         },
         16);
   }
@@ -116,8 +114,10 @@ std::vector<Rgb> sun_sky_image(const SunSkyParams& params, int width) {
   constexpr int kSub = 16;
   const double half = params.sun_aperture / 2 * (kPiD / 180), cos_half = std::cos(half);
   const double theta = std::acos(std::clamp(params.sun_direction.z, -1.0, 1.0));
-  const int first = std::clamp(int((theta - half) / kPiD * height) - 1, 0, height - 1);
-  const int last = std::clamp(int((theta + half) / kPiD * height) + 1, 0, height - 1);
+  const auto row_at = [&](double angle, int margin) {
+    return std::clamp(int(angle / kPiD * height) + margin, 0, height - 1);
+  };
+  const int first = row_at(theta - half, -1), last = row_at(theta + half, 1);
   std::vector<std::pair<std::size_t, double>> covered;  // pixel, share
   double solid_angle = 0;
   for (int y = first; y <= last; ++y) {
@@ -132,15 +132,15 @@ std::vector<Rgb> sun_sky_image(const SunSkyParams& params, int width) {
       }
       if (hits == 0) continue;
       const double share = double(hits) / (kSub * kSub);
-      covered.emplace_back(std::size_t(y) * std::size_t(width) + std::size_t(x), share);
+      covered.emplace_back(image.index(x, y), share);
       solid_angle += share * row;
     }
   }
   if (covered.empty()) {  // a sun smaller than a sub-pixel
     const double phi = std::atan2(params.sun_direction.x, params.sun_direction.y);
     const int x = int((phi < 0 ? phi + 2 * kPiD : phi) / (2 * kPiD) * width) % width;
-    const int y = std::clamp(int(theta / kPiD * height), 0, height - 1);
-    covered.emplace_back(std::size_t(y) * std::size_t(width) + std::size_t(x), 1.0);
+    const int y = row_at(theta, 0);
+    covered.emplace_back(image.index(x, y), 1.0);
     solid_angle = 2 * kPiD / width * (std::cos(kPiD * y / height) - std::cos(kPiD * (y + 1) / height));
   }
   for (const auto& [pixel, share] : covered) image[pixel] += sun * float(share / solid_angle);

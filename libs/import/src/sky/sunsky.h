@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Sky and sun of the Hosek-Wilkie models as an image of the environment.
-#include <vector>
-
+#include "tempera/core/grid.h"
 #include "tempera/core/vec.h"
 
 namespace tempera {
@@ -32,10 +31,10 @@ class Sky {
 /// Irradiance of the sun on a surface that faces it, in the units of `Sky`. [Hosek 2013]
 Rgb sun_irradiance(const SunSkyParams& params);
 
-/// Equirectangular image of sky and sun, [height][width] with height = width / 2, in the layout of Environment::image
+/// Equirectangular image of sky and sun, with height = width / 2, in the layout of Environment::image
 /// for an Environment whose local y is the model's z, x is x and z is -y. The sun is a uniform disc whose pixels add up
 /// to its irradiance exactly.
-std::vector<Rgb> sun_sky_image(const SunSkyParams& params, int width);
+Grid<Rgb> sun_sky_image(const SunSkyParams& params, int width);
 
 /// A time and place on Earth. `hour` is local time in `timezone` (hours ahead of UTC); latitude and longitude in
 /// degrees, north and east positive.

@@ -3,21 +3,15 @@
 // What the tests of the glTF importer share.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
-#include <fstream>
 #include <string>
 #include <vector>
 
+#include "import_test_util.h"
 #include "tempera/import/gltf.h"
 #include "tempera/scene/deform.h"
 
 namespace tempera {
-
-namespace fs = std::filesystem;
-
-/// Sample scenes that not every checkout has.
-inline fs::path shared_scenes() { return fs::path(TEMPERA_SOURCE_DIR) / ".." / "shared" / "scenes"; }
 
 inline std::string base64(const std::string& bytes) {
   static constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -97,18 +91,7 @@ inline std::string glb(std::string json, const std::string& bin) {
 
 class Gltf : public testing::Test {
  protected:
-  void SetUp() override {
-    const auto* info = testing::UnitTest::GetInstance()->current_test_info();
-    dir_ = fs::temp_directory_path() / fmt::format("tempera_gltf_{}_{}", info->name(), ::getpid());
-    fs::create_directories(dir_);
-  }
-  void TearDown() override { fs::remove_all(dir_); }
-
-  fs::path write(const std::string& name, const std::string& bytes) const {
-    fs::path file = dir_ / name;
-    std::ofstream(file, std::ios::binary) << bytes;
-    return file;
-  }
+  fs::path write(const std::string& name, const std::string& bytes) const { return folder_.write(name, bytes); }
   Scene load(const std::string& json, const ImportOptions& options = {}) {
     Scene scene = import_gltf(write("test.gltf", json), options, warnings_);
     validate(scene);
@@ -140,7 +123,8 @@ class Gltf : public testing::Test {
     return false;
   }
 
-  fs::path dir_;
+  TestFolder folder_;
+  const fs::path& dir_ = folder_.path();
   Warnings warnings_;
 };
 

@@ -103,12 +103,12 @@ TEST(SunSky, ImageHoldsTheSunsPower) {
       params.sky_scale = 0;
       params.sun_aperture = aperture;
       constexpr int kWidth = 512, kHeight = 256;
-      const std::vector<Rgb> image = sun_sky_image(params, kWidth);
+      const Grid<Rgb> image = sun_sky_image(params, kWidth);
       Vec3d sum, centre;
       for (int y = 0; y < kHeight; ++y) {
         const double row = 2 * kPiD / kWidth * (std::cos(kPiD * y / kHeight) - std::cos(kPiD * (y + 1) / kHeight));
         for (int x = 0; x < kWidth; ++x) {
-          const Rgb& c = image[std::size_t(y) * kWidth + std::size_t(x)];
+          const Rgb& c = image.at(x, y);
           sum += Vec3d{c.r, c.g, c.b} * row;
           const double phi = 2 * kPiD * (x + 0.5) / kWidth, theta = kPiD * (y + 0.5) / kHeight;
           centre +=

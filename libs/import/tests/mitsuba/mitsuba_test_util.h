@@ -3,48 +3,26 @@
 // What the tests of the Mitsuba importer share.
 #include <fmt/format.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cmath>
-#include <fstream>
 #include <string>
 #include <vector>
 
+#include "import_test_util.h"
 #include "tempera/import/mitsuba.h"
 #include "tempera/shading/bsdf.h"
 
 namespace tempera {
 
-namespace fs = std::filesystem;
-
-/// Sample scenes that not every checkout has.
-inline fs::path shared_scenes() { return fs::path(TEMPERA_SOURCE_DIR) / ".." / "shared" / "scenes"; }
-
-/// A folder of files that goes away with the object.
-class Folder {
+/// A folder of Mitsuba's files.
+class Folder : public TestFolder {
  public:
-  Folder() : path_(fs::temp_directory_path() / fmt::format("tempera_mitsuba_{}_{}", getpid(), count_++)) {
-    fs::create_directories(path_);
-  }
-  ~Folder() { fs::remove_all(path_); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  fs::path write(const std::string& name, const std::string& contents) const {
-    fs::create_directories((path_ / name).parent_path());
-    std::ofstream(path_ / name, std::ios::binary) << contents;
-    return path_ / name;
-  }
   /// Imports a scene with this inside its root element, which stands on line 1.
   Scene load(const std::string& inner, const ImportOptions& options = {}, const char* version = "3.0.0") {
     return import_mitsuba(write("scene.xml", fmt::format("<scene version=\"{}\">{}</scene>", version, inner)), options,
                           warnings);
   }
-  const fs::path& path() const { return path_; }
   Warnings warnings;
-
- private:
-  static inline int count_ = 0;
-  fs::path path_;
 };
 
 inline constexpr const char* kTriangleObj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";

@@ -53,7 +53,7 @@ class MotionPieces {
     auto [knot, blend] = grid_.locate(t);
     if (knot < p.first) knot = p.first, blend = 0;
     if (knot >= p.last) knot = p.last, blend = 0;
-    return {p.offset + std::size_t(knot - p.first), blend};
+    return {p.index(knot), blend};
   }
   /// The segment that a time lies in: the later one at a knot, the last one at the end of a piece, and both knots the
   /// same where a piece has one alone.
@@ -66,7 +66,7 @@ class MotionPieces {
     auto [knot, blend] = grid_.locate(t);
     if (knot < p.first) knot = p.first, blend = 0;
     if (knot >= p.last) knot = std::max(p.last - 1, p.first), blend = 1;
-    const std::size_t at = p.offset + std::size_t(knot - p.first);
+    const std::size_t at = p.index(knot);
     return {at, p.first < p.last ? at + 1 : at, blend};
   }
   /// The knots that motion within `span` is interpolated between, piece by piece: from the knot at or before the
@@ -77,9 +77,7 @@ class MotionPieces {
   };
   std::vector<Stretch> stretches(TimeSpan span) const;
   /// Index of the knot at grid position `knot` of the piece that `whole` lies in.
-  std::size_t index(std::int64_t knot) const {
-    return pieces_[whole_].offset + std::size_t(knot - pieces_[whole_].first);
-  }
+  std::size_t index(std::int64_t knot) const { return pieces_[whole_].index(knot); }
   const MotionGrid& grid() const { return grid_; }
 
  private:
@@ -87,6 +85,7 @@ class MotionPieces {
     double begin = 0;
     std::int64_t first = 0, last = 0;  // grid positions of its knots
     std::size_t offset = 0;            // of its first knot in knots_
+    std::size_t index(std::int64_t knot) const { return offset + (knot - first); }
   };
   const Piece& piece_of(double t) const {
     if (pieces_.size() == 1 || (t >= whole_span_.begin && t <= whole_span_.end)) return pieces_[whole_];

@@ -113,7 +113,7 @@ class Animated {
   std::size_t last_key(double t) const {
     const auto taken = [](double at, double key) { return at < key - key_tolerance(key); };
     const auto after = std::upper_bound(times_.begin(), times_.end(), t, taken);
-    return after == times_.begin() ? 0 : std::size_t(after - times_.begin()) - 1;
+    return after == times_.begin() ? 0 : after - times_.begin() - 1;
   }
   /// Value of the piece of keys [first, last], which goes on beyond them where other keys follow.
   T between(double t, std::size_t first, std::size_t last) const {
@@ -121,7 +121,7 @@ class Animated {
     if (t >= times_[last] && last + 1 == times_.size()) return value(last);
     const auto begin = times_.begin() + std::ptrdiff_t(first), end = times_.begin() + std::ptrdiff_t(last);
     const auto after = std::upper_bound(begin + 1, end, t);
-    const std::size_t i = std::size_t(after - times_.begin()) - 1;
+    const std::size_t i = after - times_.begin() - 1;
     const double dt = times_[i + 1] - times_[i], s = (t - times_[i]) / dt;
     if (interpolation_ != Interpolation::kCubic) return detail::mix(value(i), value(i + 1), s);
     return detail::hermite(value(i), scaled(values_[3 * i + 2], dt), value(i + 1), scaled(values_[3 * i + 3], dt), s);

@@ -86,7 +86,7 @@ class ByteReader {
     auto left = value<std::uint64_t>();
     v.clear();
     while (left > 0) {
-      const auto n = std::size_t(std::min(left, kBlock)), at = v.size();
+      const std::size_t n = std::min(left, kBlock), at = v.size();
       v.resize(at + n);
       bytes(v.data() + at, n * sizeof(T));
       left -= n;

@@ -18,6 +18,9 @@ int thread_count();
 void parallel_for(std::int64_t begin, std::int64_t end, const std::function<void(std::int64_t)>& body,
                   std::int64_t grain = 1);
 
+/// As parallel_for, for the rows [begin, end) of a picture.
+void parallel_rows(int begin, int end, const std::function<void(int)>& body, std::int64_t grain = 1);
+
 /// Flushes denormals to zero on the calling thread while alive; Embree and filters need it for speed.
 class FlushDenormals {
  public:

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "tempera/core/bytes.h"
+#include "tempera/core/grid.h"
 #include "tempera/frames/frame.h"
 
 namespace tempera {
@@ -32,10 +33,10 @@ std::string cryptomatte_key(std::string_view layer_name);
 class CryptomatteBuffer {
  public:
   CryptomatteBuffer() = default;
-  CryptomatteBuffer(int width, int height) : width_(width), height_(height), pixels_(std::size_t(width) * height) {}
+  CryptomatteBuffer(int width, int height) : pixels_(width, height) {}
 
-  int width() const { return width_; }
-  int height() const { return height_; }
+  int width() const { return pixels_.width(); }
+  int height() const { return pixels_.height(); }
   /// Adds a sample of filter weight `weight` that saw `id` (0: nothing) to a pixel.
   void add(int x, int y, float id, float weight = 1);
   /// Adds all samples of `other`, of the same size, in the rectangle [x0,x1) x [y0,y1) that both cover. The result is
@@ -59,8 +60,7 @@ class CryptomatteBuffer {
     std::vector<Share> ids;  ///< in the order of appearance
   };
   static void add(Pixel& pixel, float id, float weight);
-  int width_ = 0, height_ = 0;
-  std::vector<Pixel> pixels_;
+  Grid<Pixel> pixels_;
 };
 
 /// Name -> id of a cryptomatte in a frame's metadata. Errors: Error{kUnknownName} if there is none of that name,

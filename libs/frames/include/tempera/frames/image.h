@@ -21,10 +21,7 @@ class Image {
   Image() = default;
   /// All values `fill`. Pre: sizes >= 0.
   Image(int width, int height, int channels, float fill = 0)
-      : width_(width),
-        height_(height),
-        channels_(channels),
-        data_(std::size_t(width) * std::size_t(height) * std::size_t(channels), fill) {}
+      : width_(width), height_(height), channels_(channels), data_(std::size_t(width) * height * channels, fill) {}
 
   int width() const { return width_; }
   int height() const { return height_; }
@@ -38,11 +35,11 @@ class Image {
   /// The channels of one pixel, and the pixels of one row: [width, channels].
   float* pixel(int x, int y) { return data_.data() + offset(x, y); }
   const float* pixel(int x, int y) const { return data_.data() + offset(x, y); }
-  float* row(int y) { return data_.data() + std::size_t(y) * width_ * channels_; }
-  const float* row(int y) const { return data_.data() + std::size_t(y) * width_ * channels_; }
+  float* row(int y) { return data_.data() + row_begin(y); }
+  const float* row(int y) const { return data_.data() + row_begin(y); }
 
-  float& at(int x, int y, int c = 0) { return data_[offset(x, y) + std::size_t(c)]; }
-  float at(int x, int y, int c = 0) const { return data_[offset(x, y) + std::size_t(c)]; }
+  float& at(int x, int y, int c = 0) { return data_[offset(x, y) + c]; }
+  float at(int x, int y, int c = 0) const { return data_[offset(x, y) + c]; }
   /// First three channels; a one- or two-channel image gives its first channel as gray.
   Rgb rgb(int x, int y) const {
     const float* p = pixel(x, y);
@@ -92,8 +89,9 @@ class Image {
   };
   std::size_t offset(int x, int y) const {
     TEMPERA_ASSERT(x >= 0 && y >= 0 && x < width_ && y < height_);
-    return (std::size_t(y) * std::size_t(width_) + std::size_t(x)) * std::size_t(channels_);
+    return (std::size_t(y) * width_ + x) * channels_;
   }
+  std::size_t row_begin(int y) const { return std::size_t(y) * width_ * channels_; }
   static float mix(const Corners& k, float a, float b, float c, float d) {
     return (a * (1 - k.fx) + b * k.fx) * (1 - k.fy) + (c * (1 - k.fx) + d * k.fx) * k.fy;
   }

@@ -6,18 +6,13 @@
 #include <functional>
 #include <string>
 #include <string_view>
-#include <vector>
 
+#include "tempera/core/grid.h"
 #include "tempera/core/vec.h"
 
 namespace tempera::gallery {
 
-struct Picture {
-  int width = 0, height = 0;
-  std::vector<Rgb> pixels;  ///< rows from the top
-  const Rgb& at(int x, int y) const { return pixels[std::size_t(y) * std::size_t(width) + std::size_t(x)]; }
-  Rgb& at(int x, int y) { return pixels[std::size_t(y) * std::size_t(width) + std::size_t(x)]; }
-};
+using Picture = Grid<Rgb>;  ///< rows from the top
 
 /// color(u, v) at the pixels' centers, u to the right and v down, both in (0,1). Threads: calls it concurrently.
 Picture paint(int width, int height, const std::function<Rgb(double u, double v)>& color);

@@ -35,7 +35,7 @@ struct Skin {
 struct CachedPositions {
   std::shared_ptr<const VertexCache> samples;  ///< null: none
   Affine3f mesh_from_cache;
-  std::uint32_t first_vertex = 0;       ///< of the cache: where vertex 0 of the mesh stands, if `vertices` is empty
+  std::size_t first_vertex = 0;         ///< of the cache: where vertex 0 of the mesh stands, if `vertices` is empty
   std::vector<std::uint32_t> vertices;  ///< of the cache, by vertex of the mesh; or empty
   /// Vertices of one `fan_of` share a normal. The corners (indices into Mesh::indices) of the triangles around fan f
   /// are fans[fan_begin[f]] to fans[fan_begin[f + 1] - 1]. Empty for flat meshes.
@@ -63,6 +63,9 @@ struct Mesh {
   std::vector<std::uint32_t> source_vertices;  ///< by vertex: which vertex of the authored mesh it was; or empty
 
   std::size_t triangle_count() const { return indices.size() / 3; }
+  /// The three vertices of a triangle.
+  std::uint32_t* corners(std::size_t triangle) { return indices.data() + 3 * triangle; }
+  const std::uint32_t* corners(std::size_t triangle) const { return indices.data() + 3 * triangle; }
   bool deforms() const { return !morph_targets.empty() || !skin.joints.empty() || cache.samples; }
 };
 

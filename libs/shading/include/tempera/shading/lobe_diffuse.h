@@ -58,7 +58,7 @@ struct RoughTransmittance {
     const float x = cosine * (kSize - 1);
     const int i = std::min(int(x), kSize - 2);
     const float s = x - float(i);
-    return external[i] * (1 - s) + external[std::size_t(i) + 1] * s;
+    return external[i] * (1 - s) + external[i + 1] * s;
   }
   /// Tables for an isotropic distribution; computed once per set of arguments. Threads: safe.
   static std::shared_ptr<const RoughTransmittance> make(Microfacets type, float alpha, float eta);

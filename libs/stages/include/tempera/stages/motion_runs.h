@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "tempera/core/grid.h"
 #include "tempera/core/vec.h"
 
 namespace tempera {
@@ -28,23 +29,21 @@ class PixelMap {
   /// Nothing corresponds.
   PixelMap(int width, int height);
 
-  int width() const { return width_; }
-  int height() const { return height_; }
+  int width() const { return forward_.width(); }
+  int height() const { return forward_.height(); }
   /// Sets phi(from) = to. Returns false, and changes nothing, if one of them lies outside or has a partner already.
   bool link(int from_x, int from_y, int to_x, int to_y);
   /// phi at (x, y); x is -1 where nothing corresponds.
-  Vec2<int> forward(int x, int y) const { return decode(forward_[index(x, y)]); }
+  Vec2<int> forward(int x, int y) const { return decode(forward_.at(x, y)); }
   /// The inverse of phi.
-  Vec2<int> backward(int x, int y) const { return decode(backward_[index(x, y)]); }
+  Vec2<int> backward(int x, int y) const { return decode(backward_.at(x, y)); }
   /// Pixels that have a partner.
   std::int64_t count() const { return count_; }
 
  private:
-  std::size_t index(int x, int y) const { return std::size_t(y) * std::size_t(width_) + std::size_t(x); }
-  Vec2<int> decode(std::int32_t i) const { return i < 0 ? Vec2<int>{-1, -1} : Vec2<int>{i % width_, i / width_}; }
-  int width_, height_;
+  Vec2<int> decode(std::int32_t i) const { return i < 0 ? Vec2<int>{-1, -1} : Vec2<int>{i % width(), i / width()}; }
   std::int64_t count_ = 0;
-  std::vector<std::int32_t> forward_, backward_;  // index of the partner; -1: none
+  Grid<std::int32_t> forward_, backward_;  // index of the partner; -1: none
 };
 
 struct MotionRunOptions {
@@ -56,10 +55,9 @@ struct MotionRunOptions {
 class MotionRuns {
  public:
   MotionRuns() = default;
-  /// `sampled_next[y * width + x]` != 0: the pixel of the next frame has samples of the offset pass, so differences
+  /// `sampled_next.at(x, y)` != 0: the pixel of the next frame has samples of the offset pass, so differences
   /// with it as the neighbour exist; empty: all have. Runs are at most kMaxLength long.
-  MotionRuns(const PixelMap& motion, const MotionRunOptions& options = {},
-             std::span<const std::uint8_t> sampled_next = {});
+  MotionRuns(const PixelMap& motion, const MotionRunOptions& options = {}, const Grid<std::uint8_t>& sampled_next = {});
 
   static constexpr int kMaxLength = 512;
   /// Runs that start in row `y` of the frame, from left to right.
@@ -77,7 +75,7 @@ class MotionRuns {
  private:
   static std::span<const MotionRun> row(const std::vector<MotionRun>& runs, const std::vector<std::uint32_t>& begin,
                                         int y) {
-    return {runs.data() + begin[y], runs.data() + begin[std::size_t(y) + 1]};
+    return {runs.data() + begin[y], runs.data() + begin[y + 1]};
   }
   std::vector<MotionRun> from_, to_;
   std::vector<std::uint32_t> from_begin_, to_begin_;

@@ -81,13 +81,14 @@ class PoissonFrame {
   /// none.
   void set_precision(RowSet set, int y, std::span<const float> values);
   bool has_precision() const { return precision_.rows() > 0; }
-  const Precision* precision(RowSet set, int y) const { return precision_.row(std::int64_t(y) * kRowSets + int(set)); }
+  const Precision* precision(RowSet set, int y) const { return precision_.row(row_of(set, y)); }
 
   /// To the next frame. Without runs (as constructed) there are no rows between the frames.
   MotionRuns motion;
 
  private:
-  std::int64_t index(RowSet set, int y, int c) const { return (std::int64_t(y) * kRowSets + int(set)) * 3 + c; }
+  static std::int64_t row_of(RowSet set, int y) { return std::int64_t(y) * kRowSets + int(set); }
+  static std::int64_t index(RowSet set, int y, int c) { return row_of(set, y) * 3 + c; }
   int height_;
   RowBlock<float> data_;
   RowBlock<Precision> precision_;
@@ -157,6 +158,12 @@ class PoissonSystem {
   const MotionRuns* motion_from(int t) const;
   void store_weights();
   void invert_diagonal();
+  /// W^2 of the rows of `set` at the pixels of row y of frame t, once weights are stored.
+  BFloat16* squared_row(RowSet set, int t, int y) { return squared_.row(squared_index(set, t, y)); }
+  const BFloat16* squared_row(RowSet set, int t, int y) const { return squared_.row(squared_index(set, t, y)); }
+  std::int64_t squared_index(RowSet set, int t, int y) const {
+    return (std::int64_t(t) * height() + y) * kRowSets + int(set);
+  }
   template <bool kStored, bool kData>
   void descend(const PlanarFrames& x, PlanarFrames& out, ChannelSums& x_out, ChannelSums& out_out) const;
 

@@ -41,7 +41,7 @@ class RowBlock {
   static T* allocate(std::size_t n) {
     return static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(kAlignment)));
   }
-  std::size_t size() const { return std::size_t(rows_) * std::size_t(stride_) + 2 * kLine; }
+  std::size_t size() const { return rows_ * stride_ + 2 * kLine; }
 
   int width_ = 0;
   std::int64_t rows_ = 0;
