@@ -3,6 +3,8 @@
 // A JSON document that remembers where each value stands, so that every complaint about it names file, line and column.
 // nlohmann-json does the grammar; its own tree forgets positions, so its event parser (which does not recurse, whatever
 // the nesting) fills this one. Not a general JSON library: read only, and every access checks the type.
+#include <fmt/format.h>
+
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -78,8 +80,7 @@ class Json {
 template <class T, std::size_t N>
 const T& choice(const Json& json, std::string_view name, std::string_view what, const Named<T> (&table)[N]) {
   const Named<T>* entry = find_named(table, name);
-  if (!entry)
-    json.fail("\"" + std::string(json.string()) + "\" is no " + std::string(what) + "; valid: " + names_of(table));
+  if (!entry) json.fail(fmt::format("\"{}\" is no {}; valid: {}", json.string(), what, names_of(table)));
   return entry->value;
 }
 

@@ -2,6 +2,8 @@
 #pragma once
 // Builds a Scene from Mitsuba's objects. One file per kind of object: mitsuba_shapes.cpp, mitsuba_materials.cpp,
 // mitsuba_textures.cpp, mitsuba_lights.cpp, mitsuba_sensors.cpp; mitsuba.cpp holds the frame.
+#include <fmt/format.h>
+
 #include <functional>
 #include <map>
 #include <optional>
@@ -62,7 +64,7 @@ class Builder {
     const Named<T>* entry = find_named(table, value);
     if (!entry)
       fail(ErrorCode::kUnknownName, place(object, name),
-           "\"" + value + "\" is no value of \"" + std::string(name) + "\"; known: " + names_of(table));
+           fmt::format("\"{}\" is no value of \"{}\"; known: {}", value, name, names_of(table)));
     return *entry;
   }
   Vec3d vector3(const Object& object, std::string_view name, const Vec3d& fallback) const;
@@ -78,7 +80,7 @@ class Builder {
   void finish(const Object& object) const;
   void warn(const std::string& what, const Place& place) const { warnings_.add(what, document_.loc(place)); }
   void warn_replaced(const Object& object, std::string_view by) const {
-    warn(object.name() + " is replaced by " + std::string(by), object.place);
+    warn(fmt::format("{} is replaced by {}", object.name(), by), object.place);
   }
   [[noreturn]] void fail(ErrorCode code, const Place& place, const std::string& message) const {
     throw Error(code, document_.loc(place), message);
