@@ -57,7 +57,8 @@ TEST_F(CliParts, KilledWorkContinuesInEveryPass) {
     ASSERT_EQ(resumed.status, 0) << resumed.err;
     if (!fs::exists(first)) ADD_FAILURE() << resumed.err;
     for (const int f : {2, 3}) {
-      if (fs::exists(frame(whole, f))) EXPECT_TRUE(SamePixels(frame(whole, f), frame(killed, f))) << i;
+      if (!fs::exists(frame(whole, f))) continue;
+      EXPECT_TRUE(SamePixels(frame(whole, f), frame(killed, f))) << i;
     }
   }
 }
