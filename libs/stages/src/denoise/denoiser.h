@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// The denoiser over time, one frame after another: reads frames as it needs them, and forgets those that it no longer
+// does. Private to the denoiser.
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "denoise/nl_means.h"
+#include "denoise/oidn.h"
+#include "denoise/tracks.h"
+#include "tempera/core/params.h"
+#include "tempera/stages/stage.h"
+#include "tempera/stages/stage_run.h"
+
+namespace tempera::denoise {
+
+/// What is done with the halves of the samples, see docs/denoising.md.
+enum class Recipe {
+  kAuto,
+  kSingle,     ///< they are denoised together; what is alike over time is judged by the noisy pictures
+  kHalves,     ///< each is denoised, and what is alike is judged by the results
+};
+
+struct Settings {
+  explicit Settings(const Params& params);
+  bool oidn = false;
+  std::string oidn_path;
+  Recipe recipe = Recipe::kAuto;
+  int radius = 2;         ///< frames before and after that are averaged; 0: none
+  std::vector<int> cuts;  ///< first frames of shots
+};
+
+/// The frames from which `frame` is made: those within `distance` of it that no cut keeps from it.
+FrameRange shot_around(int frame, int distance, const FrameRange& reach, const std::vector<int>& cuts);
+
+/// Which layers there are to work with.
+struct Available {
+  explicit Available(std::span<const LayerDesc> layers);
+  bool halves = false, variance = false, albedo = false, normal = false, emission = false, id = false, motion = false;
+  /// What is lost, a sentence each.
+  std::vector<std::string> losses(bool alone) const;
+};
+
+class Denoiser {
+ public:
+  Denoiser(StageRun& run, const Settings& settings);
+  /// Fills `color` of a frame that has what passes through.
+  void make(int frame, Frame& out);
+  /// Frames before `frame` will not be made.
+  void forget_before(int frame);
+  /// Seconds by step, and their sum per pixel and frame.
+  std::string costs() const;
+
+ private:
+  /// Halves of light, or all of it in `a`.
+  struct Light {
+    Planes a, b;
+    Planes variance;  ///< [h,w,1] of their mean
+    bool halves() const { return !b.empty(); }
+    Planes mean() const;
+  };
+  struct Source {
+    Surfaces surfaces;
+    Planes albedo;
+    Planes emitter;  ///< 1 near what emits light: it has no reflectance that it could be divided by
+    Planes divisor;  ///< reflectance
+    Light light;     ///< divided by it
+    int spp = 0;     ///< 0: not known
+  };
+  struct Averaged {
+    Light light;
+    std::map<int, Track> tracks;    ///< by frame
+    std::map<int, Planes> weights;  ///< of the frames around, by the noisy pictures
+    Planes albedo, normal;          ///< without noise
+  };
+  struct Denoised {
+    Light light;        ///< divided by `factor`
+    Planes factor;      ///< that makes it radiance again
+  };
+
+  const Source& source(int frame);
+  const Averaged& averaged(int frame);
+  const Denoised& denoised(int frame);
+  Source read(int frame);
+  Averaged average(int frame);
+  Denoised denoise(int frame);
+  Denoised denoise_nl_means(int frame);
+  Denoised denoise_oidn(int frame);
+  Recipe recipe(int frame);
+  FrameRange around(int frame, int distance) const;
+  /// Adds the time since `start` to a step.
+  void spent(const std::string& step, double start);
+
+  StageRun& run_;
+  const Settings& settings_;
+  Available available_;
+  int radius_;
+  std::unique_ptr<Oidn> oidn_;
+  std::map<int, Source> sources_;
+  std::map<int, Averaged> averaged_;
+  std::map<int, Denoised> denoised_;
+  std::map<std::string, double> seconds_;
+  int frames_ = 0;
+};
+
+}  // namespace tempera::denoise
