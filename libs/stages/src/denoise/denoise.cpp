@@ -24,6 +24,12 @@ const std::vector<ParamSpec> kParams = {
      .fallback = std::string("auto"),
      .help = "auto, single (the halves of the samples together) or halves (each)",
      .choices = {"auto", "single", "halves"}},
+    {.name = "fireflies",
+     .fallback = std::string("hold"),
+     .help = "keep, hold",
+     .choices = {"keep", "hold"}},
+    {"residuals", true, "residuals"},
+    {"no_residuals", false, "none"},
     {"radius", 2, "frames before and after that are averaged along motion; 0: each frame alone", 0, 4},
     {"cuts", std::string(), "first frames of new shots, e.g. 25,61, where motion vectors do not say so"},
     {"oidn", std::string(), "file of Open Image Denoise [TEMPERA_OIDN, else libOpenImageDenoise.so.2]"},
@@ -87,6 +93,8 @@ class Denoise final : public Stage {
 denoise::Settings::Settings(const Params& params)
     : oidn(params.get_string("method") == "oidn"),
       oidn_path(params.get_string("oidn")),
+      residuals(!params.get_bool("no_residuals")),
+      hold_fireflies(params.get_string("fireflies") == "hold"),
       radius(params.get_int("radius")) {
   const std::string& name = params.get_string("recipe");
   recipe = name == "single" ? Recipe::kSingle : name == "halves" ? Recipe::kHalves : Recipe::kAuto;

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <ctime>
 
+#include "denoise/residuals.h"
 #include "tempera/core/log.h"
 
 namespace tempera::denoise {
@@ -15,6 +16,7 @@ namespace {
 
 constexpr float kLeastReflectance = 0.05f;  ///< below it light is not divided by any less
 constexpr float kEmitterShare = 0.02f;      ///< of the light of a pixel that it emits, from which on it counts as an emitter
+constexpr float kFirefly = 4;               ///< times the brightest of the other half around that a half may be
 constexpr int kVarianceRadius = 3;
 
 /// CPU time of all threads: what a step costs on one core, whatever else the machine does.
@@ -227,6 +229,7 @@ Denoiser::Source Denoiser::read(int frame) {
     out.divisor = Planes(width, height, 3, 1);
     out.emitter = Planes(width, height, 1);
   }
+  if (settings_.hold_fireflies && light.halves()) hold_fireflies(light);
   // What emits and what does not never stand for each other.
   s.id = Planes(width, height, 1);
   const Planes id = planes(layers::object_id(), 1);
@@ -252,6 +255,35 @@ Denoiser::Source Denoiser::read(int frame) {
   }
   spent("prepare", prepare);
   return out;
+}
+
+void Denoiser::hold_fireflies(Light& light) {
+  const auto brightness = [](const Planes& in) {
+    Planes out(in.width(), in.height(), 1);
+    for_values(out, [&](int, int y, int x, float) { return luminance(in.row(0, y)[x], in.row(1, y)[x], in.row(2, y)[x]); });
+    return out;
+  };
+  const Planes of_a = brightness(light.a), of_b = brightness(light.b);
+  const int width = of_a.width(), height = of_a.height();
+  const float floor = std::sqrt(noise_floor(light.a));
+  std::vector<double> held(std::size_t(height), 0.0), all(std::size_t(height), 0.0);
+  const auto limit = [&](Planes& half, const Planes& own, const Planes& other) {
+    for_rows(height, [&](int y) {
+      for (int x = 0; x < width; ++x) {
+        float largest = 0;
+        for (int j = std::max(y - 1, 0); j <= std::min(y + 1, height - 1); ++j) {
+          for (int i = std::max(x - 1, 0); i <= std::min(x + 1, width - 1); ++i) largest = std::max(largest, other.row(0, j)[i]);
+        }
+        const float l = own.row(0, y)[x], most = kFirefly * largest + floor;
+        all[std::size_t(y)] += double(l);
+        if (!(l > most)) continue;
+        held[std::size_t(y)] += double(l - most);
+        for (int c = 0; c < 3; ++c) half.row(c, y)[x] *= most / l;
+      }
+    });
+  };
+  limit(light.a, of_a, of_b), limit(light.b, of_b, of_a);
+  for (int y = 0; y < height; ++y) held_ += held[std::size_t(y)], all_ += all[std::size_t(y)];
 }
 
 Denoiser::Averaged Denoiser::average(int frame) {
@@ -405,10 +437,15 @@ void Denoiser::make(int frame, Frame& out) {
   const Denoised& here = denoised(frame);
   const Averaged& noisy = averaged(frame);
   const auto start = cpu_seconds();
-  Planes sum = here.light.mean();
-  const Planes own = sum;
-  Planes total(sum.width(), sum.height(), 1, 1);
-  const bool by_halves = recipe == Recipe::kHalves && here.light.halves();
+  const Planes own = here.light.mean();
+  const bool halves = here.light.halves(), by_halves = recipe == Recipe::kHalves && halves;
+  const bool residuals = settings_.residuals && halves;
+  // The denoised picture and, for residuals, its halves and the noisy ones.
+  struct Averages {
+    Planes clean, clean_a, clean_b, a, b;
+  } sum{own, {}, {}, {}, {}};
+  if (residuals) sum.clean_a = here.light.a, sum.clean_b = here.light.b, sum.a = noisy.light.a, sum.b = noisy.light.b;
+  Planes total(own.width(), own.height(), 1, 1);
   const Planes variance = by_halves ? half_variance(here.light.a, here.light.b, kVarianceRadius) : Planes();
   Likeness likeness{.k = 1, .radius = 2, .relative = 1e-6f, .floor = noise_floor(own)};
   for (const auto& [f, track] : noisy.tracks) {
@@ -421,21 +458,38 @@ void Denoiser::make(int frame, Frame& out) {
     } else {
       weight = noisy.weights.at(f);
     }
-    add_weighted(value, weight, sum);
+    add_weighted(value, weight, sum.clean);
+    if (residuals) {
+      add_weighted(gather_smooth(there.light.a, track), weight, sum.clean_a);
+      add_weighted(gather_smooth(there.light.b, track), weight, sum.clean_b);
+      add_weighted(gather_smooth(averaged(f).light.a, track), weight, sum.a);
+      add_weighted(gather_smooth(averaged(f).light.b, track), weight, sum.b);
+    }
     for_values(total, [&](int, int y, int x, float v) { return v + weight.row(0, y)[x]; });
   }
-  divide(sum, total);
+  const auto finish = [&](Planes& planes, const Planes& factor) {
+    divide(planes, total);
+    for_values(planes, [&](int c, int y, int x, float v) { return v * factor.row(c, y)[x]; });
+  };
+  finish(sum.clean, here.factor);
+  spent("average after", start);
+  if (residuals) {
+    const auto begin = cpu_seconds();
+    const Planes& divisor = source(frame).divisor;
+    finish(sum.clean_a, here.factor), finish(sum.clean_b, here.factor);
+    finish(sum.a, divisor), finish(sum.b, divisor);
+    sum.clean = return_residuals({sum.a, sum.b, sum.clean_a, sum.clean_b, sum.clean}, 1);
+    spent("residuals", begin);
+  }
   Image& color = out.layer(layers::color().name);
   for_rows(color.height(), [&](int y) {
     for (int x = 0; x < color.width(); ++x) {
       float* to = color.pixel(x, y);
-      for (int c = 0; c < 3; ++c) to[c] = std::max(sum.row(c, y)[x] * here.factor.row(c, y)[x], 0.0f);
+      for (int c = 0; c < 3; ++c) to[c] = std::max(sum.clean.row(c, y)[x], 0.0f);
     }
   });
-  out.metadata["tempera/denoise_method"] =
-      oidn_ ? "oidn " + oidn_->version() : std::string("nl_means");
+  out.metadata["tempera/denoise_method"] = oidn_ ? "oidn " + oidn_->version() : std::string("nl_means");
   ++frames_;
-  spent("average after", start);
 }
 
 std::string Denoiser::costs() const {

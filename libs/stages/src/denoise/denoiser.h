@@ -28,6 +28,7 @@ struct Settings {
   bool oidn = false;
   std::string oidn_path;
   Recipe recipe = Recipe::kAuto;
+  bool residuals = true, hold_fireflies = true;
   int radius = 2;         ///< frames before and after that are averaged; 0: none
   std::vector<int> cuts;  ///< first frames of shots
 };
@@ -88,6 +89,7 @@ class Denoiser {
   Denoised denoise(int frame);
   Denoised denoise_nl_means(int frame);
   Denoised denoise_oidn(int frame);
+  void hold_fireflies(Light& light);
   Recipe recipe(int frame);
   FrameRange around(int frame, int distance) const;
   /// Adds the time since `start` to a step.
@@ -103,6 +105,7 @@ class Denoiser {
   std::map<int, Denoised> denoised_;
   std::map<std::string, double> seconds_;
   int frames_ = 0;
+  double held_ = 0, all_ = 0;
 };
 
 }  // namespace tempera::denoise
