@@ -23,12 +23,13 @@ const std::vector<ParamSpec> kParams = {
     {.name = "recipe",
      .fallback = std::string("auto"),
      .help = "auto, single (the halves of the samples together) or halves (each)",
-     .choices = {"auto", "single", "halves"}},
+     .choices = {"auto", "single", "halves", "components"}},
     {.name = "fireflies",
      .fallback = std::string("hold"),
      .help = "keep, hold",
      .choices = {"keep", "hold"}},
     {"residuals", true, "residuals"},
+    {"as_color", false, "x"},
     {"no_residuals", false, "none"},
     {"radius", 2, "frames before and after that are averaged along motion; 0: each frame alone", 0, 4},
     {"cuts", std::string(), "first frames of new shots, e.g. 25,61, where motion vectors do not say so"},
@@ -45,12 +46,18 @@ class Denoise final : public Stage {
     return out;
   }
 
-  std::vector<LayerUse> reads(int /*port*/, std::span<const SequenceDesc> /*in*/) const override {
+  std::vector<LayerUse> reads(int /*port*/, std::span<const SequenceDesc> in) const override {
     std::vector<LayerUse> out{{layers::color(), true, "there is nothing to denoise"}};
     for (const LayerDesc& d :
          {layers::color_a(), layers::color_b(), layers::color_variance(), layers::albedo(), layers::normal(),
           layers::emission(), layers::object_id(), layers::motion_forward(), layers::motion_backward()}) {
       out.push_back({d, false});
+    }
+    if (settings_.recipe == denoise::Recipe::kComponents) {
+      for (const std::string& name : Available(in[0].layers).classes) {
+        for (const LayerDesc& d : {layers::color(), layers::color_a(), layers::color_b()})
+          out.push_back({layers::class_layer(name, d), false});
+      }
     }
     return out;
   }
@@ -94,10 +101,11 @@ denoise::Settings::Settings(const Params& params)
     : oidn(params.get_string("method") == "oidn"),
       oidn_path(params.get_string("oidn")),
       residuals(!params.get_bool("no_residuals")),
+      as_color(params.get_bool("as_color")),
       hold_fireflies(params.get_string("fireflies") == "hold"),
       radius(params.get_int("radius")) {
   const std::string& name = params.get_string("recipe");
-  recipe = name == "single" ? Recipe::kSingle : name == "halves" ? Recipe::kHalves : Recipe::kAuto;
+  recipe = name == "single" ? Recipe::kSingle : name == "halves" ? Recipe::kHalves : name == "components" ? Recipe::kComponents : Recipe::kAuto;
   if (const std::string& text = params.get_string("cuts"); !text.empty()) {
     try {
       cuts = parse_frame_set(text);

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
+#include <cstdlib>
 
 #include "denoise/residuals.h"
 #include "tempera/core/log.h"
@@ -87,6 +88,12 @@ Available::Available(std::span<const LayerDesc> layers) {
   albedo = has(layers::albedo()), normal = has(layers::normal()), emission = has(layers::emission());
   id = has(layers::object_id());
   motion = has(layers::motion_forward()) && has(layers::motion_backward());
+  for (const LayerDesc& d : layers) {
+    const std::string& name = d.path_class;
+    if (d.name != layers::class_layer(name, layers::color()).name || !d.pass.empty()) continue;
+    if (has(layers::class_layer(name, layers::color_a())) && has(layers::class_layer(name, layers::color_b())))
+      classes.push_back(name);
+  }
 }
 
 std::vector<std::string> Available::losses(bool alone) const {
@@ -111,6 +118,11 @@ Planes Denoiser::Light::mean() const {
 
 Denoiser::Denoiser(StageRun& run, const Settings& settings)
     : run_(run), settings_(settings), available_(run.in()[0].layers), radius_(available_.motion ? settings.radius : 0) {
+  if (settings.recipe == Recipe::kComponents) {
+    for (const std::string& name : available_.classes) parts_.push_back({name, name == "direct" || name == "indirect" || name == "caustic"});
+  }
+  // What belongs to no class is a part of its own.
+  parts_.push_back({"", parts_.empty()});
   if (settings.oidn) oidn_ = std::make_unique<Oidn>(settings.oidn_path);
 }
 
@@ -148,7 +160,7 @@ void Denoiser::forget_before(int frame) {
 Recipe Denoiser::recipe(int frame) {
   if (settings_.recipe != Recipe::kAuto) return settings_.recipe;
   const Source& s = source(frame);
-  if (!s.light.halves()) return Recipe::kSingle;
+  if (!s.light[0].halves()) return Recipe::kSingle;
   return s.spp > 16 || s.spp == 0 ? Recipe::kHalves : Recipe::kSingle;
 }
 
@@ -157,7 +169,7 @@ Denoiser::Source Denoiser::read(int frame) {
   const auto start = cpu_seconds();
   const Frame in = run_.read(frame);
   spent("read", start);
-  const auto prepare = cpu_seconds();
+  const auto prepared = cpu_seconds();
   Source out;
   if (const auto spp = in.metadata.find("tempera/spp"); spp != in.metadata.end()) {
     if (const int* n = std::get_if<int>(&spp->second)) out.spp = *n;
@@ -190,46 +202,31 @@ Denoiser::Source Denoiser::read(int frame) {
     s.forward = vectors(layers::motion_forward()), s.backward = vectors(layers::motion_backward());
   }
 
-  // Halves whose mean is `color`, also for odd numbers of samples.
-  Light& light = out.light;
-  light.a = color;
-  if (available_.halves && out.spp != 1) {
-    const Planes a = planes(layers::color_a(), 3), b = planes(layers::color_b(), 3);
-    light.b = color;
-    for_values(light.a, [&](int c, int y, int x, float v) { return v + 0.5f * (a.row(c, y)[x] - b.row(c, y)[x]); });
-    for_values(light.b, [&](int c, int y, int x, float v) { return v - 0.5f * (a.row(c, y)[x] - b.row(c, y)[x]); });
-  }
   if (!out.albedo.empty()) {
     out.divisor = out.albedo;
     for_values(out.divisor, [](int, int, int, float v) { return std::max(v, kLeastReflectance); });
-    const Planes emission = planes(layers::emission(), 3);
-    out.emitter = Planes(width, height, 1);
-    if (!emission.empty()) {
-      Planes shine(width, height, 2);
-      for_rows(height, [&](int y) {
-        for (int x = 0; x < width; ++x) {
-          shine.row(0, y)[x] = luminance(emission.row(0, y)[x], emission.row(1, y)[x], emission.row(2, y)[x]);
-          shine.row(1, y)[x] = luminance(color.row(0, y)[x], color.row(1, y)[x], color.row(2, y)[x]);
-        }
-      });
-      Planes around(width, height, 1);
-      const Planes mean = box_mean(shine, kVarianceRadius);
-      for_rows(height, [&](int y) {
-        for (int x = 0; x < width; ++x) around.row(0, y)[x] = shine.row(0, y)[x] > kEmitterShare * mean.row(1, y)[x];
-      });
-      const Planes grown = box_mean(around, 1);
-      for_rows(height, [&](int y) {
-        for (int x = 0; x < width; ++x) out.emitter.row(0, y)[x] = grown.row(0, y)[x] > 0 ? 1.0f : 0.0f;
-      });
-      for_values(out.divisor, [&](int, int y, int x, float v) { return out.emitter.row(0, y)[x] > 0 ? 1.0f : v; });
-    }
-    for_values(light.a, [&](int c, int y, int x, float v) { return v / out.divisor.row(c, y)[x]; });
-    if (light.halves()) for_values(light.b, [&](int c, int y, int x, float v) { return v / out.divisor.row(c, y)[x]; });
   } else {
     out.divisor = Planes(width, height, 3, 1);
-    out.emitter = Planes(width, height, 1);
   }
-  if (settings_.hold_fireflies && light.halves()) hold_fireflies(light);
+  out.emitter = Planes(width, height, 1);
+  const bool whole = parts_.size() == 1;
+  if (const Planes emission = planes(layers::emission(), 3); whole && !emission.empty() && !out.albedo.empty()) {
+    Planes shine(width, height, 2);
+    for_rows(height, [&](int y) {
+      for (int x = 0; x < width; ++x) {
+        shine.row(0, y)[x] = luminance(emission.row(0, y)[x], emission.row(1, y)[x], emission.row(2, y)[x]);
+        shine.row(1, y)[x] = luminance(color.row(0, y)[x], color.row(1, y)[x], color.row(2, y)[x]);
+      }
+    });
+    Planes around(width, height, 1);
+    const Planes mean = box_mean(shine, kVarianceRadius);
+    for_rows(height, [&](int y) {
+      for (int x = 0; x < width; ++x) around.row(0, y)[x] = shine.row(0, y)[x] > kEmitterShare * mean.row(1, y)[x];
+    });
+    const Planes grown = box_mean(around, 1);
+    for_values(out.emitter, [&](int, int y, int x, float) { return grown.row(0, y)[x] > 0 ? 1.0f : 0.0f; });
+    for_values(out.divisor, [&](int, int y, int x, float v) { return out.emitter.row(0, y)[x] > 0 ? 1.0f : v; });
+  }
   // What emits and what does not never stand for each other.
   s.id = Planes(width, height, 1);
   const Planes id = planes(layers::object_id(), 1);
@@ -237,15 +234,54 @@ Denoiser::Source Denoiser::read(int frame) {
     return (id.empty() ? 0.0f : 2 * id.row(0, y)[x]) + out.emitter.row(0, y)[x];
   });
 
+  // Halves whose mean is the light itself, also for odd numbers of samples.
+  const auto halves_of = [&](const Planes& all, const Planes& a, const Planes& b) {
+    Light light{all, all, {}};
+    for_values(light.a, [&](int c, int y, int x, float v) { return v + 0.5f * (a.row(c, y)[x] - b.row(c, y)[x]); });
+    for_values(light.b, [&](int c, int y, int x, float v) { return v - 0.5f * (a.row(c, y)[x] - b.row(c, y)[x]); });
+    return light;
+  };
+  Light rest{color, {}, {}};
+  if (available_.halves && out.spp != 1)
+    rest = halves_of(color, planes(layers::color_a(), 3), planes(layers::color_b(), 3));
+  std::array<Planes, 2> fireflies;
+  if (settings_.hold_fireflies && rest.halves()) fireflies = held_fireflies(rest);
+  for (const Part& part : parts_) {
+    Light light;
+    if (part.name.empty()) {
+      light = std::move(rest);
+    } else {
+      const auto layer = [&](const LayerDesc& d) { return planes(layers::class_layer(part.name, d), 3); };
+      light = halves_of(layer(layers::color()), layer(layers::color_a()), layer(layers::color_b()));
+      for_values(rest.a, [&](int c, int y, int x, float v) { return v - light.a.row(c, y)[x]; });
+      for_values(rest.b, [&](int c, int y, int x, float v) { return v - light.b.row(c, y)[x]; });
+    }
+    if (!fireflies[0].empty()) {  // of a pixel, all parts alike
+      for_values(light.a, [&](int, int y, int x, float v) { return v * fireflies[0].row(0, y)[x]; });
+      for_values(light.b, [&](int, int y, int x, float v) { return v * fireflies[1].row(0, y)[x]; });
+    }
+    prepare(light, part.reflected ? &out.divisor : nullptr, planes(layers::color_variance(), 3));
+    out.light.push_back(std::move(light));
+  }
+  spent("prepare", prepared);
+  return out;
+}
+
+void Denoiser::prepare(Light& light, const Planes* divisor, const Planes& color_variance) {
+  if (divisor) {
+    const auto divided = [&](int c, int y, int x, float v) { return v / divisor->row(c, y)[x]; };
+    for_values(light.a, divided);
+    if (light.halves()) for_values(light.b, divided);
+  }
   if (light.halves()) {
     light.variance = half_variance(light.a, light.b, kVarianceRadius);
-  } else if (const Planes variance = planes(layers::color_variance(), 3); !variance.empty()) {
-    Planes raw(width, height, 1);
+  } else if (!color_variance.empty()) {
+    Planes raw(light.a.width(), light.a.height(), 1);
     for_values(raw, [&](int, int y, int x, float) {
       float sum = 0;
       for (int c = 0; c < 3; ++c) {
-        const float d = out.divisor.row(c, y)[x];
-        sum += variance.row(c, y)[x] / (d * d);
+        const float d = divisor ? divisor->row(c, y)[x] : 1;
+        sum += color_variance.row(c, y)[x] / (d * d);
       }
       return sum / 3;
     });
@@ -253,37 +289,40 @@ Denoiser::Source Denoiser::read(int frame) {
   } else {
     light.variance = apparent_variance(light.a);
   }
-  spent("prepare", prepare);
-  return out;
 }
 
-void Denoiser::hold_fireflies(Light& light) {
+std::array<Planes, 2> Denoiser::held_fireflies(const Light& light) {
   const auto brightness = [](const Planes& in) {
     Planes out(in.width(), in.height(), 1);
-    for_values(out, [&](int, int y, int x, float) { return luminance(in.row(0, y)[x], in.row(1, y)[x], in.row(2, y)[x]); });
+    for_values(out, [&](int, int y, int x, float) {
+      return luminance(in.row(0, y)[x], in.row(1, y)[x], in.row(2, y)[x]);
+    });
     return out;
   };
-  const Planes of_a = brightness(light.a), of_b = brightness(light.b);
-  const int width = of_a.width(), height = of_a.height();
+  const std::array<Planes, 2> half{brightness(light.a), brightness(light.b)};
+  const int width = half[0].width(), height = half[0].height();
+  std::array<Planes, 2> factor{Planes(width, height, 1, 1), Planes(width, height, 1, 1)};
   const float floor = std::sqrt(noise_floor(light.a));
   std::vector<double> held(std::size_t(height), 0.0), all(std::size_t(height), 0.0);
-  const auto limit = [&](Planes& half, const Planes& own, const Planes& other) {
+  for (int h = 0; h < 2; ++h) {
+    const Planes &own = half[std::size_t(h)], &other = half[std::size_t(1 - h)];
     for_rows(height, [&](int y) {
       for (int x = 0; x < width; ++x) {
         float largest = 0;
         for (int j = std::max(y - 1, 0); j <= std::min(y + 1, height - 1); ++j) {
-          for (int i = std::max(x - 1, 0); i <= std::min(x + 1, width - 1); ++i) largest = std::max(largest, other.row(0, j)[i]);
+          for (int i = std::max(x - 1, 0); i <= std::min(x + 1, width - 1); ++i)
+            largest = std::max(largest, other.row(0, j)[i]);
         }
         const float l = own.row(0, y)[x], most = kFirefly * largest + floor;
         all[std::size_t(y)] += double(l);
         if (!(l > most)) continue;
         held[std::size_t(y)] += double(l - most);
-        for (int c = 0; c < 3; ++c) half.row(c, y)[x] *= most / l;
+        factor[std::size_t(h)].row(0, y)[x] = most / l;
       }
     });
-  };
-  limit(light.a, of_a, of_b), limit(light.b, of_b, of_a);
+  }
   for (int y = 0; y < height; ++y) held_ += held[std::size_t(y)], all_ += all[std::size_t(y)];
+  return factor;
 }
 
 Denoiser::Averaged Denoiser::average(int frame) {
@@ -292,33 +331,37 @@ Denoiser::Averaged Denoiser::average(int frame) {
   for (int f = range.first; f <= range.last; ++f) source(f);
   const auto start = cpu_seconds();
   Averaged out;
-  out.light = here.light;
-  const Planes own = here.light.mean();
-  Planes total(own.width(), own.height(), 1, 1);
-  Likeness likeness;
-  likeness.floor = noise_floor(own);
   for (int f = range.first; f <= range.last; ++f) {
     if (f == frame) continue;
     Track track = follow(frame, f, [&](int g) -> const Surfaces& { return source(g).surfaces; });
-    if (track.empty()) continue;
-    const Light& there = source(f).light;
-    const Planes a = gather_nearest(there.a, track), b = there.halves() ? gather_nearest(there.b, track) : Planes();
-    const Planes variance = gather_nearest(there.variance, track);
-    Planes mean = a;
-    if (!b.empty()) for_values(mean, [&](int c, int y, int x, float v) { return 0.5f * (v + b.row(c, y)[x]); });
-    Planes weight = likeness_weights(own, here.light.variance, mean, variance, track.valid, likeness);
-    add_weighted(a, weight, out.light.a);
-    if (out.light.halves()) add_weighted(b, weight, out.light.b);
-    for_values(total, [&](int, int y, int x, float v) { return v + weight.row(0, y)[x]; });
-    out.tracks.emplace(f, std::move(track));
-    out.weights.emplace(f, std::move(weight));
+    if (!track.empty()) out.tracks.emplace(f, std::move(track));
   }
-  divide(out.light.a, total);
-  if (out.light.halves()) {
-    divide(out.light.b, total);
-    out.light.variance = half_variance(out.light.a, out.light.b, kVarianceRadius);
-  } else {
-    divide(out.light.variance, total);
+  for (std::size_t part = 0; part < parts_.size(); ++part) {
+    Light light = here.light[part];
+    const Planes own = light.mean(), own_variance = light.variance;
+    Planes total(own.width(), own.height(), 1, 1);
+    Likeness likeness;
+    likeness.floor = noise_floor(own);
+    for (const auto& [f, track] : out.tracks) {
+      const Light& there = source(f).light[part];
+      const Planes a = gather_nearest(there.a, track), b = there.halves() ? gather_nearest(there.b, track) : Planes();
+      const Planes variance = gather_nearest(there.variance, track);
+      Planes mean = a;
+      if (!b.empty()) for_values(mean, [&](int c, int y, int x, float v) { return 0.5f * (v + b.row(c, y)[x]); });
+      Planes weight = likeness_weights(own, own_variance, mean, variance, track.valid, likeness);
+      add_weighted(a, weight, light.a);
+      if (light.halves()) add_weighted(b, weight, light.b);
+      for_values(total, [&](int, int y, int x, float v) { return v + weight.row(0, y)[x]; });
+      out.weights[f].push_back(std::move(weight));
+    }
+    divide(light.a, total);
+    if (light.halves()) {
+      divide(light.b, total);
+      light.variance = half_variance(light.a, light.b, kVarianceRadius);
+    } else {
+      divide(light.variance, total);
+    }
+    out.light.push_back(std::move(light));
   }
   spent("average before", start);
 
@@ -333,101 +376,156 @@ Denoiser::Averaged Denoiser::average(int frame) {
   return out;
 }
 
-Denoiser::Denoised Denoiser::denoise(int frame) { return oidn_ ? denoise_oidn(frame) : denoise_nl_means(frame); }
+namespace {
 
-Denoiser::Denoised Denoiser::denoise_nl_means(int frame) {
-  const Averaged& here = averaged(frame);
-  const FrameRange range = around(frame, std::min(radius_, 1));
-  for (int f = range.first; f <= range.last; ++f) averaged(f);
-  const auto start = cpu_seconds();
-  const int width = here.light.a.width(), height = here.light.a.height();
-
+/// Features that NL-means may use.
+NlMeansSettings nl_means_settings(bool normal, bool albedo, bool emitter) {
   NlMeansSettings settings;
-  settings.floor = noise_floor(here.light.a);
-  if (!here.normal.empty()) settings.feature_groups.push_back(3), settings.feature_floors.push_back(4e-3f);
-  if (!here.albedo.empty()) settings.feature_groups.push_back(1), settings.feature_floors.push_back(1e-3f);
-  const auto features_of = [&](int f) {
-    Planes out;
-    const Averaged& a = averaged(f);
-    int channels = 0;
-    for (const int n : settings.feature_groups) channels += n;
-    if (channels == 0) return out;
-    out = Planes(width, height, channels);
-    int channel = 0;
-    if (!a.normal.empty()) {
-      for (; channel < 3; ++channel) std::copy_n(a.normal.plane(channel), out.pixels(), out.plane(channel));
-    }
-    if (!a.albedo.empty()) {
-      const Planes& emitter = source(f).emitter;
-      std::copy_n(emitter.plane(0), out.pixels(), out.plane(channel));
-    }
-    return out;
+  const auto feature = [&](int channels, float floor) {
+    settings.feature_groups.push_back(channels), settings.feature_floors.push_back(floor);
   };
+  if (normal) feature(3, 4e-3f);
+  if (albedo) feature(3, 1e-3f);
+  if (emitter) feature(1, 1e-3f);
+  return settings;
+}
 
-  struct Warped {
-    Planes a, b, variance, valid, features;
-  };
-  std::vector<Warped> warped;
-  std::vector<NlMeansFrame> frames;
-  warped.reserve(std::size_t(range.last - range.first + 1));
-  const Planes features = features_of(frame);
-  const auto pointer = [](const Planes& p) { return p.empty() ? nullptr : &p; };
-  frames.push_back({&here.light.a, pointer(here.light.b), &here.light.variance, nullptr, pointer(features)});
-  for (int f = range.first; f <= range.last; ++f) {
-    const auto track = here.tracks.find(f);
-    if (track == here.tracks.end()) continue;
-    const Light& there = averaged(f).light;
-    Warped w;
-    w.a = gather_nearest(there.a, track->second);
-    if (there.halves()) w.b = gather_nearest(there.b, track->second);
-    w.variance = gather_nearest(there.variance, track->second);
-    w.valid = track->second.valid;
-    if (!features.empty()) w.features = gather_nearest(features_of(f), track->second);
-    warped.push_back(std::move(w));
-    const Warped& k = warped.back();
-    frames.push_back({&k.a, pointer(k.b), &k.variance, &k.valid, pointer(k.features)});
+Planes joined(std::initializer_list<const Planes*> planes) {
+  int channels = 0;
+  const Planes* any = nullptr;
+  for (const Planes* p : planes) channels += p->channels(), any = p->empty() ? any : p;
+  if (!any) return {};
+  Planes out(any->width(), any->height(), channels);
+  int channel = 0;
+  for (const Planes* p : planes) {
+    for (int c = 0; c < p->channels(); ++c) std::copy_n(p->plane(c), p->pixels(), out.plane(channel++));
   }
-  NlMeansResult result = nl_means(frames, settings);
-  Denoised out;
-  out.light.a = std::move(result.a), out.light.b = std::move(result.b);
-  out.factor = Planes(width, height, 3, 1);
-  const Source& own = source(frame);
-  if (!here.albedo.empty()) {
-    for_values(out.factor, [&](int c, int y, int x, float) {
-      return own.emitter.row(0, y)[x] > 0 ? 1.0f : std::max(here.albedo.row(c, y)[x], kLeastReflectance);
-    });
-  }
-  spent("NL-means", start);
   return out;
 }
 
-Denoiser::Denoised Denoiser::denoise_oidn(int frame) {
+const Planes* pointer(const Planes& p) { return p.empty() ? nullptr : &p; }
+
+}  // namespace
+
+Denoiser::Denoised Denoiser::denoise(int frame) {
+  Denoised out;
+  for (std::size_t part = 0; part < parts_.size(); ++part) {
+    if (oidn_) {
+      denoise_oidn(frame, part, out);
+    } else {
+      denoise_nl_means(frame, part, out);
+    }
+  }
+  return out;
+}
+
+void Denoiser::denoise_nl_means(int frame, std::size_t part, Denoised& out) {
+  const FrameRange range = around(frame, std::min(radius_, 1));
+  for (int f = range.first; f <= range.last; ++f) averaged(f);
+  const auto start = cpu_seconds();
+  const Averaged& here = averaged(frame);
+  const Light& light = here.light[part];
+  const bool reflected = parts_[part].reflected && !here.albedo.empty();
+  const bool divided = reflected && !settings_.as_color;
+
+  struct Bundle {
+    Light light;
+    Planes valid, features;
+  };
+  const auto bundle = [&](int f) {
+    const Averaged& a = averaged(f);
+    const Source& s = source(f);
+    Bundle out{a.light[part], {}, {}};
+    if (reflected && !divided) {
+      out.light.a = multiply(out.light.a, s.divisor);
+      if (out.light.halves()) {
+        out.light.b = multiply(out.light.b, s.divisor);
+        out.light.variance = half_variance(out.light.a, out.light.b, kVarianceRadius);
+      } else {
+        for_values(out.light.variance, [&](int, int y, int x, float v) {
+          float sum = 0;
+          for (int c = 0; c < 3; ++c) sum += s.divisor.row(c, y)[x] * s.divisor.row(c, y)[x];
+          return v * sum / 3;
+        });
+      }
+    }
+    static const Planes none;
+    out.features = joined({&a.normal, divided ? &none : &a.albedo, &s.emitter});
+    return out;
+  };
+  NlMeansSettings settings = nl_means_settings(!here.normal.empty(), !divided && !here.albedo.empty(), true);
+  std::vector<Bundle> bundles;
+  bundles.push_back(bundle(frame));
+  settings.floor = noise_floor(bundles[0].light.a);
+  if (const char* e = std::getenv("NLW")) settings.window = std::atoi(e);
+  if (const char* e = std::getenv("NLA")) settings.window_around = std::atoi(e);
+  if (const char* e = std::getenv("NLK")) settings.k = float(std::atof(e));
+  if (const char* e = std::getenv("NLF")) settings.patch = std::atoi(e);
+  for (int f = range.first; f <= range.last; ++f) {
+    const auto track = here.tracks.find(f);
+    if (track == here.tracks.end()) continue;
+    Bundle b = bundle(f);
+    for (Planes* p : {&b.light.a, &b.light.b, &b.light.variance, &b.features}) {
+      if (!p->empty()) *p = gather_nearest(*p, track->second);
+    }
+    b.valid = track->second.valid;
+    bundles.push_back(std::move(b));
+  }
+  std::vector<NlMeansFrame> frames;
+  for (const Bundle& b : bundles)
+    frames.push_back({&b.light.a, pointer(b.light.b), &b.light.variance, pointer(b.valid), pointer(b.features)});
+  NlMeansResult result = nl_means(frames, settings);
+  Light clean{std::move(result.a), std::move(result.b), {}};
+  Planes factor(light.a.width(), light.a.height(), 3, 1);
+  if (reflected) {
+    const Planes& emitter = source(frame).emitter;
+    const float least = divided ? kLeastReflectance : 0.2f;
+    for_values(factor, [&](int c, int y, int x, float) {
+      return emitter.row(0, y)[x] > 0 ? 1.0f : std::max(here.albedo.row(c, y)[x], least);
+    });
+    if (!divided) {
+      const auto divide_again = [&](int c, int y, int x, float v) { return v / factor.row(c, y)[x]; };
+      for_values(clean.a, divide_again);
+      if (clean.halves()) for_values(clean.b, divide_again);
+    }
+  }
+  out.light.push_back(std::move(clean));
+  out.factor.push_back(std::move(factor));
+  spent("NL-means", start);
+}
+
+void Denoiser::denoise_oidn(int frame, std::size_t part, Denoised& out) {
   const Averaged& here = averaged(frame);
   const Source& own = source(frame);
   const auto start = cpu_seconds();
   const int width = own.divisor.width(), height = own.divisor.height();
-  Denoised out;
-  out.factor = Planes(width, height, 3, 1);
-  constexpr float kLeastFactor = 0.2f;
-  if (!here.albedo.empty()) {
-    for_values(out.factor, [&](int c, int y, int x, float) {
-      return own.emitter.row(0, y)[x] > 0 ? 1.0f : std::max(here.albedo.row(c, y)[x], kLeastFactor);
+  const bool reflected = parts_[part].reflected && !here.albedo.empty();
+  const bool divided = reflected && parts_.size() > 1 && !settings_.as_color;
+  Planes factor(width, height, 3, 1);
+  if (reflected) {
+    const float least = divided ? kLeastReflectance : 0.2f;
+    for_values(factor, [&](int c, int y, int x, float) {
+      return own.emitter.row(0, y)[x] > 0 ? 1.0f : std::max(here.albedo.row(c, y)[x], least);
     });
   }
+  const Planes white = divided ? Planes(width, height, 3, 1) : Planes();
   const auto clean = [&](const Planes& light) {
-    Planes color = multiply(light, own.divisor);
+    Planes color = reflected && !divided ? multiply(light, own.divisor) : light;
     for_values(color, [](int, int, int, float v) { return std::max(v, 0.0f); });
-    Planes done = oidn_->denoise(color, here.albedo, here.normal);
-    for_values(done, [&](int c, int y, int x, float v) { return v / out.factor.row(c, y)[x]; });
+    Planes done = oidn_->denoise(color, divided ? white : here.albedo, here.normal);
+    if (!divided) for_values(done, [&](int c, int y, int x, float v) { return v / factor.row(c, y)[x]; });
     return done;
   };
-  if (recipe(frame) == Recipe::kHalves && here.light.halves()) {
-    out.light.a = clean(here.light.a), out.light.b = clean(here.light.b);
+  const Light& light = here.light[part];
+  Light done;
+  if (recipe(frame) != Recipe::kSingle && light.halves()) {
+    done.a = clean(light.a), done.b = clean(light.b);
   } else {
-    out.light.a = clean(here.light.mean());
+    done.a = clean(light.mean());
   }
+  out.light.push_back(std::move(done));
+  out.factor.push_back(std::move(factor));
   spent("Open Image Denoise", start);
-  return out;
 }
 
 void Denoiser::make(int frame, Frame& out) {
@@ -437,55 +535,61 @@ void Denoiser::make(int frame, Frame& out) {
   const Denoised& here = denoised(frame);
   const Averaged& noisy = averaged(frame);
   const auto start = cpu_seconds();
-  const Planes own = here.light.mean();
-  const bool halves = here.light.halves(), by_halves = recipe == Recipe::kHalves && halves;
+  const bool halves = here.light[0].halves();
   const bool residuals = settings_.residuals && halves;
   // The denoised picture and, for residuals, its halves and the noisy ones.
-  struct Averages {
-    Planes clean, clean_a, clean_b, a, b;
-  } sum{own, {}, {}, {}, {}};
-  if (residuals) sum.clean_a = here.light.a, sum.clean_b = here.light.b, sum.a = noisy.light.a, sum.b = noisy.light.b;
-  Planes total(own.width(), own.height(), 1, 1);
-  const Planes variance = by_halves ? half_variance(here.light.a, here.light.b, kVarianceRadius) : Planes();
-  Likeness likeness{.k = 1, .radius = 2, .relative = 1e-6f, .floor = noise_floor(own)};
-  for (const auto& [f, track] : noisy.tracks) {
-    const Denoised& there = denoised(f);
-    const Planes value = gather_smooth(there.light.mean(), track);
-    Planes weight;
-    if (by_halves && there.light.halves()) {
-      const Planes other = gather_nearest(half_variance(there.light.a, there.light.b, kVarianceRadius), track);
-      weight = likeness_weights(own, variance, value, other, track.valid, likeness);
-    } else {
-      weight = noisy.weights.at(f);
+  enum { kClean, kCleanA, kCleanB, kA, kB, kPictures };
+  std::vector<Planes> sums(residuals ? kPictures : 1, Planes(out.width(), out.height(), 3));
+  for (std::size_t part = 0; part < parts_.size(); ++part) {
+    const auto pictures = [&](int f) {
+      const Light& clean = denoised(f).light[part];
+      std::vector<Planes> p{clean.mean()};
+      if (residuals) {
+        const Light& light = averaged(f).light[part];
+        p.insert(p.end(), {clean.a, clean.b, light.a, light.b});
+      }
+      return p;
+    };
+    const Light& clean = here.light[part];
+    std::vector<Planes> sum = pictures(frame);
+    const Planes own = sum[kClean];
+    Planes total(own.width(), own.height(), 1, 1);
+    const bool by_halves = recipe != Recipe::kSingle && halves;
+    const Planes variance = by_halves ? half_variance(clean.a, clean.b, kVarianceRadius) : Planes();
+    Likeness likeness{.k = 1, .radius = 2, .relative = 1e-6f, .floor = noise_floor(own)};
+    for (const auto& [f, track] : noisy.tracks) {
+      std::vector<Planes> there = pictures(f);
+      for (Planes& p : there) p = gather_smooth(p, track);
+      Planes weight;
+      if (by_halves) {
+        const Light& l = denoised(f).light[part];
+        const Planes other = gather_nearest(half_variance(l.a, l.b, kVarianceRadius), track);
+        weight = likeness_weights(own, variance, there[kClean], other, track.valid, likeness);
+      } else {
+        weight = noisy.weights.at(f)[part];
+      }
+      for (std::size_t i = 0; i < sum.size(); ++i) add_weighted(there[i], weight, sum[i]);
+      for_values(total, [&](int, int y, int x, float v) { return v + weight.row(0, y)[x]; });
     }
-    add_weighted(value, weight, sum.clean);
-    if (residuals) {
-      add_weighted(gather_smooth(there.light.a, track), weight, sum.clean_a);
-      add_weighted(gather_smooth(there.light.b, track), weight, sum.clean_b);
-      add_weighted(gather_smooth(averaged(f).light.a, track), weight, sum.a);
-      add_weighted(gather_smooth(averaged(f).light.b, track), weight, sum.b);
+    for (std::size_t i = 0; i < sum.size(); ++i) {
+      divide(sum[i], total);
+      const Planes* factor = i < kA ? &here.factor[part] : parts_[part].reflected ? &source(frame).divisor : nullptr;
+      for_values(sums[i], [&](int c, int y, int x, float v) {
+        return v + sum[i].row(c, y)[x] * (factor ? factor->row(c, y)[x] : 1.0f);
+      });
     }
-    for_values(total, [&](int, int y, int x, float v) { return v + weight.row(0, y)[x]; });
   }
-  const auto finish = [&](Planes& planes, const Planes& factor) {
-    divide(planes, total);
-    for_values(planes, [&](int c, int y, int x, float v) { return v * factor.row(c, y)[x]; });
-  };
-  finish(sum.clean, here.factor);
   spent("average after", start);
   if (residuals) {
     const auto begin = cpu_seconds();
-    const Planes& divisor = source(frame).divisor;
-    finish(sum.clean_a, here.factor), finish(sum.clean_b, here.factor);
-    finish(sum.a, divisor), finish(sum.b, divisor);
-    sum.clean = return_residuals({sum.a, sum.b, sum.clean_a, sum.clean_b, sum.clean}, 1);
+    sums[kClean] = return_residuals({sums[kA], sums[kB], sums[kCleanA], sums[kCleanB], sums[kClean]}, 1);
     spent("residuals", begin);
   }
   Image& color = out.layer(layers::color().name);
   for_rows(color.height(), [&](int y) {
     for (int x = 0; x < color.width(); ++x) {
       float* to = color.pixel(x, y);
-      for (int c = 0; c < 3; ++c) to[c] = std::max(sum.clean.row(c, y)[x], 0.0f);
+      for (int c = 0; c < 3; ++c) to[c] = std::max(sums[kClean].row(c, y)[x], 0.0f);
     }
   });
   out.metadata["tempera/denoise_method"] = oidn_ ? "oidn " + oidn_->version() : std::string("nl_means");

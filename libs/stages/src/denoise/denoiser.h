@@ -2,6 +2,7 @@
 #pragma once
 // The denoiser over time, one frame after another: reads frames as it needs them, and forgets those that it no longer
 // does. Private to the denoiser.
+#include <array>
 #include <map>
 #include <memory>
 #include <string>
@@ -21,6 +22,7 @@ enum class Recipe {
   kAuto,
   kSingle,     ///< they are denoised together; what is alike over time is judged by the noisy pictures
   kHalves,     ///< each is denoised, and what is alike is judged by the results
+  kComponents,  ///< the same for each class of paths
 };
 
 struct Settings {
@@ -28,7 +30,7 @@ struct Settings {
   bool oidn = false;
   std::string oidn_path;
   Recipe recipe = Recipe::kAuto;
-  bool residuals = true, hold_fireflies = true;
+  bool residuals = true, hold_fireflies = true, as_color = false;
   int radius = 2;         ///< frames before and after that are averaged; 0: none
   std::vector<int> cuts;  ///< first frames of shots
 };
@@ -40,6 +42,7 @@ FrameRange shot_around(int frame, int distance, const FrameRange& reach, const s
 struct Available {
   explicit Available(std::span<const LayerDesc> layers);
   bool halves = false, variance = false, albedo = false, normal = false, emission = false, id = false, motion = false;
+  std::vector<std::string> classes;  ///< of light paths, that have halves of their own
   /// What is lost, a sentence each.
   std::vector<std::string> losses(bool alone) const;
 };
@@ -62,23 +65,29 @@ class Denoiser {
     bool halves() const { return !b.empty(); }
     Planes mean() const;
   };
+  /// What is filtered by itself: all light, or the paths of one class.
+  struct Part {
+    std::string name;  ///< of the class; "": of no class, or all light
+    bool reflected = true;  ///< by the first surface, so that it can be divided by its reflectance
+  };
   struct Source {
     Surfaces surfaces;
     Planes albedo;
     Planes emitter;  ///< 1 near what emits light: it has no reflectance that it could be divided by
     Planes divisor;  ///< reflectance
-    Light light;     ///< divided by it
-    int spp = 0;     ///< 0: not known
+    std::vector<Light> light;  ///< of each part, divided by it where that is reflected
+    int spp = 0;               ///< 0: not known
   };
   struct Averaged {
-    Light light;
-    std::map<int, Track> tracks;    ///< by frame
-    std::map<int, Planes> weights;  ///< of the frames around, by the noisy pictures
-    Planes albedo, normal;          ///< without noise
+    std::vector<Light> light;
+    std::map<int, Track> tracks;                 ///< by frame
+    std::map<int, std::vector<Planes>> weights;  ///< of the frames around and the parts, by the noisy pictures
+    Planes albedo, normal;                       ///< without noise
+    std::vector<double> divided_error, color_error;  ///< of the parts that are reflected, see `try_both`
   };
   struct Denoised {
-    Light light;        ///< divided by `factor`
-    Planes factor;      ///< that makes it radiance again
+    std::vector<Light> light;    ///< divided by `factor`
+    std::vector<Planes> factor;  ///< that makes it radiance again
   };
 
   const Source& source(int frame);
@@ -87,9 +96,15 @@ class Denoiser {
   Source read(int frame);
   Averaged average(int frame);
   Denoised denoise(int frame);
-  Denoised denoise_nl_means(int frame);
-  Denoised denoise_oidn(int frame);
-  void hold_fireflies(Light& light);
+  void denoise_nl_means(int frame, std::size_t part, Denoised& out);
+  void denoise_oidn(int frame, std::size_t part, Denoised& out);
+  /// Tries on a few tiles whether it is better to filter a part divided by the reflectance or as it is: the error is
+  /// what each half, denoised by weights of the other, differs from the other.
+  void try_both(int frame, std::size_t part, Averaged& a);
+  /// Divides the light by `divisor`, if there is one, and finds the variance.
+  void prepare(Light& light, const Planes* divisor, const Planes& color_variance);
+  /// Factors of both halves that bring what outshines the other half around it by far down to it.
+  std::array<Planes, 2> held_fireflies(const Light& light);
   Recipe recipe(int frame);
   FrameRange around(int frame, int distance) const;
   /// Adds the time since `start` to a step.
@@ -98,6 +113,7 @@ class Denoiser {
   StageRun& run_;
   const Settings& settings_;
   Available available_;
+  std::vector<Part> parts_;
   int radius_;
   std::unique_ptr<Oidn> oidn_;
   std::map<int, Source> sources_;

@@ -266,12 +266,15 @@ class Tile {
 
 }  // namespace
 
+bool is_on_trial(int x, int y, int every) { return (x / kTileWidth + 2 * (y / kTileHeight)) % every == 0; }
+
 NlMeansResult nl_means(std::span<const NlMeansFrame> frames, const NlMeansSettings& settings) {
   const int width = frames[0].a->width(), height = frames[0].a->height();
   NlMeansResult result{Planes(width, height, 3), frames[0].b ? Planes(width, height, 3) : Planes()};
   const int across = (width + kTileWidth - 1) / kTileWidth, down = (height + kTileHeight - 1) / kTileHeight;
   parallel_for(0, std::int64_t(across) * down, [&](std::int64_t i) {
-    Tile(frames, settings, int(i % across) * kTileWidth, int(i / across) * kTileHeight).run(result);
+    const int x = int(i % across) * kTileWidth, y = int(i / across) * kTileHeight;
+    if (is_on_trial(x, y, settings.every)) Tile(frames, settings, x, y).run(result);
   });
   return result;
 }

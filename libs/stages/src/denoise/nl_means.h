@@ -25,6 +25,7 @@ struct NlMeansSettings {
   float k = 0.3f;                   ///< strength: how many standard deviations count as like
   float k_feature = 0.6f;           ///< the same for features
   float floor = 1e-10f;             ///< squared difference that counts as equal
+  int every = 1;                    ///< only each n-th tile is made, for trials; pixels of the others are 0
   std::vector<int> feature_groups;  ///< numbers of channels of each feature, whose differences are averaged
   std::vector<float> feature_floors;  ///< squared difference of each feature that counts as none
 };
@@ -38,5 +39,8 @@ struct NlMeansResult {
 /// of their own noise; without halves, with weights from itself.
 /// Result: the same bits for any number of threads. Source: [Rousselle 2013], with one variance for all channels.
 NlMeansResult nl_means(std::span<const NlMeansFrame> frames, const NlMeansSettings& settings);
+
+/// Whether pixel (x, y) belongs to the tiles that `every` selects.
+bool is_on_trial(int x, int y, int every);
 
 }  // namespace tempera::denoise
