@@ -29,7 +29,6 @@ const std::vector<ParamSpec> kParams = {
      .help = "keep, hold",
      .choices = {"keep", "hold"}},
     {"residuals", true, "residuals"},
-    {"as_color", false, "x"},
     {"no_residuals", false, "none"},
     {"radius", 2, "frames before and after that are averaged along motion; 0: each frame alone", 0, 4},
     {"cuts", std::string(), "first frames of new shots, e.g. 25,61, where motion vectors do not say so"},
@@ -54,6 +53,9 @@ class Denoise final : public Stage {
       out.push_back({d, false});
     }
     if (settings_.recipe == denoise::Recipe::kComponents) {
+      for (const LayerDesc& d : in[0].layers) {
+        if (d.name.starts_with("chain.")) out.push_back({d, false});
+      }
       for (const std::string& name : Available(in[0].layers).classes) {
         for (const LayerDesc& d : {layers::color(), layers::color_a(), layers::color_b()})
           out.push_back({layers::class_layer(name, d), false});
@@ -101,7 +103,6 @@ denoise::Settings::Settings(const Params& params)
     : oidn(params.get_string("method") == "oidn"),
       oidn_path(params.get_string("oidn")),
       residuals(!params.get_bool("no_residuals")),
-      as_color(params.get_bool("as_color")),
       hold_fireflies(params.get_string("fireflies") == "hold"),
       radius(params.get_int("radius")) {
   const std::string& name = params.get_string("recipe");

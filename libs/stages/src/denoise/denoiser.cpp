@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
-#include <cstdlib>
+#include <sstream>
 
 #include "denoise/residuals.h"
 #include "tempera/core/log.h"
@@ -17,8 +17,11 @@ namespace {
 
 constexpr float kLeastReflectance = 0.05f;  ///< below it light is not divided by any less
 constexpr float kEmitterShare = 0.02f;      ///< of the light of a pixel that it emits, from which on it counts as an emitter
+constexpr float kLeastFactor = 0.2f;        ///< the same of clean light, as far as it is averaged over time
 constexpr float kFirefly = 4;               ///< times the brightest of the other half around that a half may be
 constexpr int kVarianceRadius = 3;
+constexpr int kTrialTiles = 8;              ///< one tile of so many is tried
+constexpr std::string_view kChain = "chain.", kChainAlbedo = ".albedo", kChainNormal = ".normal";
 
 /// CPU time of all threads: what a step costs on one core, whatever else the machine does.
 double cpu_seconds() { return double(std::clock()) / CLOCKS_PER_SEC; }
@@ -88,12 +91,32 @@ Available::Available(std::span<const LayerDesc> layers) {
   albedo = has(layers::albedo()), normal = has(layers::normal()), emission = has(layers::emission());
   id = has(layers::object_id());
   motion = has(layers::motion_forward()) && has(layers::motion_backward());
+  // Only the classes of a decomposition are disjoint; it has a class for all other light.
+  const bool decomposition = has(layers::class_layer("residual", layers::color()));
   for (const LayerDesc& d : layers) {
     const std::string& name = d.path_class;
-    if (d.name != layers::class_layer(name, layers::color()).name || !d.pass.empty()) continue;
+    if (!decomposition || name.empty() || d.name != layers::class_layer(name, layers::color()).name) continue;
     if (has(layers::class_layer(name, layers::color_a())) && has(layers::class_layer(name, layers::color_b())))
       classes.push_back(name);
   }
+  for (const LayerDesc& d : layers) {
+    if (d.name.starts_with(kChain) && d.name.ends_with(kChainAlbedo) && d.channel_count() >= 3) {
+      chains.push_back(d.name.substr(kChain.size(), d.name.size() - kChain.size() - kChainAlbedo.size()));
+    }
+  }
+}
+
+std::optional<std::string> chain_of(const std::string& expression) {
+  std::size_t i = 0;
+  while (i < expression.size() && std::isspace(static_cast<unsigned char>(expression[i]))) ++i;
+  if (i == expression.size() || expression[i] != 'E') return std::nullopt;
+  std::string chain;
+  for (++i; i < expression.size() && (expression[i] == 'R' || expression[i] == 'T'); ++i) chain += expression[i];
+  // A letter that may be missing or repeated is no chain; nor is anything but a surface that scatters at its end.
+  if (i == expression.size() || expression[i] != 'D') return std::nullopt;
+  if (i + 1 < expression.size() && (expression[i + 1] == '*' || expression[i + 1] == '?')) return std::nullopt;
+  if (expression.find('|') != std::string::npos) return std::nullopt;
+  return chain;
 }
 
 std::vector<std::string> Available::losses(bool alone) const {
@@ -109,6 +132,31 @@ std::vector<std::string> Available::losses(bool alone) const {
   return out;
 }
 
+namespace {
+
+/// "name=expression" of each class, from the metadata of a frame.
+std::map<std::string, std::string> class_expressions(const Metadata& metadata) {
+  std::map<std::string, std::string> out;
+  const auto classes = metadata.find("tempera/classes");
+  if (classes == metadata.end()) return out;
+  std::string text = to_text(classes->second);
+  std::replace(text.begin(), text.end(), ';', '\n');
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    const auto equals = line.find('=');
+    if (equals == std::string::npos) continue;
+    const auto trimmed = [](std::string s) {
+      const auto first = s.find_first_not_of(" \t\"");
+      const auto last = s.find_last_not_of(" \t\"");
+      return first == std::string::npos ? std::string() : s.substr(first, last - first + 1);
+    };
+    out[trimmed(line.substr(0, equals))] = trimmed(line.substr(equals + 1));
+  }
+  return out;
+}
+
+}  // namespace
+
 Planes Denoiser::Light::mean() const {
   if (!halves()) return a;
   Planes out = a;
@@ -118,11 +166,24 @@ Planes Denoiser::Light::mean() const {
 
 Denoiser::Denoiser(StageRun& run, const Settings& settings)
     : run_(run), settings_(settings), available_(run.in()[0].layers), radius_(available_.motion ? settings.radius : 0) {
+  views_.push_back("");
   if (settings.recipe == Recipe::kComponents) {
-    for (const std::string& name : available_.classes) parts_.push_back({name, name == "direct" || name == "indirect" || name == "caustic"});
+    const std::map<std::string, std::string> expressions = class_expressions(read_metadata(run.path(run.frames().front())));
+    for (const std::string& name : available_.classes) {
+      const auto expression = expressions.find(name);
+      const std::optional<std::string> chain = expression == expressions.end() ? "" : chain_of(expression->second);
+      Part part{name, 0, chain == ""};
+      const std::vector<std::string>& chains = available_.chains;
+      if (chain && !chain->empty() && std::find(chains.begin(), chains.end(), *chain) != chains.end()) {
+        auto view = std::find(views_.begin(), views_.end(), *chain);
+        if (view == views_.end()) view = views_.insert(view, *chain);
+        part.view = std::size_t(view - views_.begin()), part.divide = true;
+      }
+      parts_.push_back(std::move(part));
+    }
   }
   // What belongs to no class is a part of its own.
-  parts_.push_back({"", parts_.empty()});
+  parts_.push_back({"", 0, parts_.empty()});
   if (settings.oidn) oidn_ = std::make_unique<Oidn>(settings.oidn_path);
 }
 
@@ -180,9 +241,23 @@ Denoiser::Source Denoiser::read(int frame) {
   };
   const Planes color = planes(layers::color(), 3);
   const int width = color.width(), height = color.height();
-  out.albedo = planes(layers::albedo(), 3);
+  for (const std::string& chain : views_) {
+    View view;
+    if (chain.empty()) {
+      view.albedo = planes(layers::albedo(), 3), view.normal = planes(layers::normal(), 3);
+    } else {
+      const auto of_chain = [&](std::string_view feature) {
+        const Layer* l = in.find(fmt::format("{}{}{}", kChain, chain, feature));
+        return l && l->image.channels() >= 3 ? Planes(l->image, 3) : Planes();
+      };
+      view.albedo = of_chain(kChainAlbedo), view.normal = of_chain(kChainNormal);
+    }
+    view.divisor = view.albedo.empty() ? Planes(width, height, 3, 1) : view.albedo;
+    for (float& v : view.divisor.values()) v = std::max(v, kLeastReflectance);
+    out.views.push_back(std::move(view));
+  }
   Surfaces& s = out.surfaces;
-  s.normal = planes(layers::normal(), 3);
+  s.normal = out.views[0].normal;
   if (available_.motion && radius_ > 0) {
     const auto vectors = [&](const LayerDesc& layer) {
       const Layer* l = in.find(layer.name);
@@ -202,15 +277,9 @@ Denoiser::Source Denoiser::read(int frame) {
     s.forward = vectors(layers::motion_forward()), s.backward = vectors(layers::motion_backward());
   }
 
-  if (!out.albedo.empty()) {
-    out.divisor = out.albedo;
-    for_values(out.divisor, [](int, int, int, float v) { return std::max(v, kLeastReflectance); });
-  } else {
-    out.divisor = Planes(width, height, 3, 1);
-  }
   out.emitter = Planes(width, height, 1);
   const bool whole = parts_.size() == 1;
-  if (const Planes emission = planes(layers::emission(), 3); whole && !emission.empty() && !out.albedo.empty()) {
+  if (const Planes emission = planes(layers::emission(), 3); whole && !emission.empty()) {
     Planes shine(width, height, 2);
     for_rows(height, [&](int y) {
       for (int x = 0; x < width; ++x) {
@@ -225,7 +294,7 @@ Denoiser::Source Denoiser::read(int frame) {
     });
     const Planes grown = box_mean(around, 1);
     for_values(out.emitter, [&](int, int y, int x, float) { return grown.row(0, y)[x] > 0 ? 1.0f : 0.0f; });
-    for_values(out.divisor, [&](int, int y, int x, float v) { return out.emitter.row(0, y)[x] > 0 ? 1.0f : v; });
+    for_values(out.views[0].divisor, [&](int, int y, int x, float v) { return out.emitter.row(0, y)[x] > 0 ? 1.0f : v; });
   }
   // What emits and what does not never stand for each other.
   s.id = Planes(width, height, 1);
@@ -260,7 +329,7 @@ Denoiser::Source Denoiser::read(int frame) {
       for_values(light.a, [&](int, int y, int x, float v) { return v * fireflies[0].row(0, y)[x]; });
       for_values(light.b, [&](int, int y, int x, float v) { return v * fireflies[1].row(0, y)[x]; });
     }
-    prepare(light, part.reflected ? &out.divisor : nullptr, planes(layers::color_variance(), 3));
+    prepare(light, part.divide ? &out.views[part.view].divisor : nullptr, planes(layers::color_variance(), 3));
     out.light.push_back(std::move(light));
   }
   spent("prepare", prepared);
@@ -369,26 +438,20 @@ Denoiser::Averaged Denoiser::average(int frame) {
   const auto prefilter = [&](const char* name, const Planes& in) {
     return in.empty() || !oidn_ ? in : oidn_->prefilter(name, in);
   };
-  out.albedo = prefilter("albedo", here.albedo);
-  for_values(out.albedo, [](int, int, int, float v) { return std::clamp(v, 0.0f, 1.0f); });
-  out.normal = prefilter("normal", here.surfaces.normal);
+  for (const View& view : here.views) {
+    View clean{prefilter("albedo", view.albedo), prefilter("normal", view.normal), {}};
+    for (float& v : clean.albedo.values()) v = std::clamp(v, 0.0f, 1.0f);
+    out.views.push_back(std::move(clean));
+  }
   spent("features", features);
+
+  const auto trials = cpu_seconds();
+  for (std::size_t part = 0; part < parts_.size(); ++part) out.trials.push_back(try_both(frame, out, part));
+  spent("trials", trials);
   return out;
 }
 
 namespace {
-
-/// Features that NL-means may use.
-NlMeansSettings nl_means_settings(bool normal, bool albedo, bool emitter) {
-  NlMeansSettings settings;
-  const auto feature = [&](int channels, float floor) {
-    settings.feature_groups.push_back(channels), settings.feature_floors.push_back(floor);
-  };
-  if (normal) feature(3, 4e-3f);
-  if (albedo) feature(3, 1e-3f);
-  if (emitter) feature(1, 1e-3f);
-  return settings;
-}
 
 Planes joined(std::initializer_list<const Planes*> planes) {
   int channels = 0;
@@ -419,75 +482,128 @@ Denoiser::Denoised Denoiser::denoise(int frame) {
   return out;
 }
 
+NlMeansSettings Denoiser::nl_means_settings(const Averaged& averaged, std::size_t part, bool divided) const {
+  NlMeansSettings settings;
+  const auto feature = [&](int channels, float floor) {
+    settings.feature_groups.push_back(channels), settings.feature_floors.push_back(floor);
+  };
+  const View& view = averaged.views[parts_[part].view];
+  if (!view.normal.empty()) feature(3, 4e-3f);
+  if (!divided && !view.albedo.empty()) feature(3, 1e-3f);
+  feature(1, 1e-3f);  // what emits, and what does not
+  return settings;
+}
+
+Denoiser::Bundle Denoiser::bundle(int frame, const Averaged& averaged, std::size_t part, bool divided,
+                                  const Track* track) {
+  const Source& s = source(frame);
+  const View& view = averaged.views[parts_[part].view];
+  static const Planes none;
+  Bundle out{averaged.light[part], {}, joined({&view.normal, divided ? &none : &view.albedo, &s.emitter})};
+  if (parts_[part].divide && !divided) {
+    const Planes& divisor = s.views[parts_[part].view].divisor;
+    out.light.a = multiply(out.light.a, divisor);
+    if (out.light.halves()) {
+      out.light.b = multiply(out.light.b, divisor);
+      out.light.variance = half_variance(out.light.a, out.light.b, kVarianceRadius);
+    } else {
+      for_values(out.light.variance, [&](int, int y, int x, float v) {
+        float sum = 0;
+        for (int c = 0; c < 3; ++c) sum += divisor.row(c, y)[x] * divisor.row(c, y)[x];
+        return v * sum / 3;
+      });
+    }
+  }
+  if (track) {
+    for (Planes* p : {&out.light.a, &out.light.b, &out.light.variance, &out.features}) {
+      if (!p->empty()) *p = gather_nearest(*p, *track);
+    }
+    out.valid = track->valid;
+  }
+  return out;
+}
+
+Denoiser::Trial Denoiser::try_both(int frame, const Averaged& averaged, std::size_t part) {
+  Trial trial;
+  if (!parts_[part].divide || averaged.views[parts_[part].view].albedo.empty() || !averaged.light[part].halves())
+    return trial;
+  const int width = run_.in()[0].width, height = run_.in()[0].height;
+  const Planes& divisor = source(frame).views[parts_[part].view].divisor;
+  const Light truth{multiply(averaged.light[part].a, divisor), multiply(averaged.light[part].b, divisor), {}};
+  const float floor = 1e4f * noise_floor(truth.a);
+  const int every = (width + 63) / 64 * ((height + 31) / 32) >= 4 * kTrialTiles ? kTrialTiles : 2;
+  for (const bool divided : {true, false}) {
+    const Bundle b = bundle(frame, averaged, part, divided, nullptr);
+    NlMeansSettings settings = nl_means_settings(averaged, part, divided);
+    settings.floor = noise_floor(b.light.a);
+    settings.every = every;
+    const NlMeansFrame only{&b.light.a, &b.light.b, &b.light.variance, nullptr, pointer(b.features)};
+    const NlMeansResult result = nl_means(std::span(&only, 1), settings);
+    const Planes back = divided ? factor(frame, averaged, part, kLeastReflectance) : Planes(width, height, 3, 1);
+    std::vector<double> rows(std::size_t(height), 0.0);
+    for_rows(height, [&](int y) {
+      double sum = 0;
+      for (int x = 0; x < width; ++x) {
+        if (!is_on_trial(x, y, every)) continue;
+        for (int c = 0; c < 3; ++c) {
+          const float a = result.a.row(c, y)[x] * back.row(c, y)[x], b_ = result.b.row(c, y)[x] * back.row(c, y)[x];
+          const float da = truth.b.row(c, y)[x] - a, db = truth.a.row(c, y)[x] - b_, mean = 0.5f * (a + b_);
+          sum += double((da * da + db * db) / (mean * mean + floor));
+        }
+      }
+      rows[std::size_t(y)] = sum;
+    });
+    for (const double r : rows) (divided ? trial.divided : trial.whole) += r;
+  }
+  return trial;
+}
+
+bool Denoiser::is_divided(int frame, std::size_t part) {
+  if (!parts_[part].divide) return false;
+  Trial sum;
+  const FrameRange range = around(frame, std::min(radius_, 1));
+  for (int f = range.first; f <= range.last; ++f) {
+    const Trial& trial = averaged(f).trials[part];
+    sum.divided += trial.divided, sum.whole += trial.whole;
+  }
+  return sum.divided <= sum.whole;
+}
+
+Planes Denoiser::factor(int frame, const Averaged& averaged, std::size_t part, float least) {
+  const Source& own = source(frame);
+  Planes out(run_.in()[0].width, run_.in()[0].height, 3, 1);
+  const Planes& albedo = averaged.views[parts_[part].view].albedo;
+  if (!parts_[part].divide || albedo.empty()) return out;
+  for_values(out, [&](int c, int y, int x, float) {
+    return own.emitter.row(0, y)[x] > 0 ? 1.0f : std::max(albedo.row(c, y)[x], least);
+  });
+  return out;
+}
+
 void Denoiser::denoise_nl_means(int frame, std::size_t part, Denoised& out) {
   const FrameRange range = around(frame, std::min(radius_, 1));
   for (int f = range.first; f <= range.last; ++f) averaged(f);
+  const bool divided = is_divided(frame, part);
   const auto start = cpu_seconds();
   const Averaged& here = averaged(frame);
-  const Light& light = here.light[part];
-  const bool reflected = parts_[part].reflected && !here.albedo.empty();
-  const bool divided = reflected && !settings_.as_color;
-
-  struct Bundle {
-    Light light;
-    Planes valid, features;
-  };
-  const auto bundle = [&](int f) {
-    const Averaged& a = averaged(f);
-    const Source& s = source(f);
-    Bundle out{a.light[part], {}, {}};
-    if (reflected && !divided) {
-      out.light.a = multiply(out.light.a, s.divisor);
-      if (out.light.halves()) {
-        out.light.b = multiply(out.light.b, s.divisor);
-        out.light.variance = half_variance(out.light.a, out.light.b, kVarianceRadius);
-      } else {
-        for_values(out.light.variance, [&](int, int y, int x, float v) {
-          float sum = 0;
-          for (int c = 0; c < 3; ++c) sum += s.divisor.row(c, y)[x] * s.divisor.row(c, y)[x];
-          return v * sum / 3;
-        });
-      }
-    }
-    static const Planes none;
-    out.features = joined({&a.normal, divided ? &none : &a.albedo, &s.emitter});
-    return out;
-  };
-  NlMeansSettings settings = nl_means_settings(!here.normal.empty(), !divided && !here.albedo.empty(), true);
   std::vector<Bundle> bundles;
-  bundles.push_back(bundle(frame));
-  settings.floor = noise_floor(bundles[0].light.a);
-  if (const char* e = std::getenv("NLW")) settings.window = std::atoi(e);
-  if (const char* e = std::getenv("NLA")) settings.window_around = std::atoi(e);
-  if (const char* e = std::getenv("NLK")) settings.k = float(std::atof(e));
-  if (const char* e = std::getenv("NLF")) settings.patch = std::atoi(e);
+  bundles.push_back(bundle(frame, here, part, divided, nullptr));
   for (int f = range.first; f <= range.last; ++f) {
     const auto track = here.tracks.find(f);
-    if (track == here.tracks.end()) continue;
-    Bundle b = bundle(f);
-    for (Planes* p : {&b.light.a, &b.light.b, &b.light.variance, &b.features}) {
-      if (!p->empty()) *p = gather_nearest(*p, track->second);
-    }
-    b.valid = track->second.valid;
-    bundles.push_back(std::move(b));
+    if (track != here.tracks.end()) bundles.push_back(bundle(f, averaged(f), part, divided, &track->second));
   }
   std::vector<NlMeansFrame> frames;
   for (const Bundle& b : bundles)
     frames.push_back({&b.light.a, pointer(b.light.b), &b.light.variance, pointer(b.valid), pointer(b.features)});
+  NlMeansSettings settings = nl_means_settings(here, part, divided);
+  settings.floor = noise_floor(bundles[0].light.a);
   NlMeansResult result = nl_means(frames, settings);
   Light clean{std::move(result.a), std::move(result.b), {}};
-  Planes factor(light.a.width(), light.a.height(), 3, 1);
-  if (reflected) {
-    const Planes& emitter = source(frame).emitter;
-    const float least = divided ? kLeastReflectance : 0.2f;
-    for_values(factor, [&](int c, int y, int x, float) {
-      return emitter.row(0, y)[x] > 0 ? 1.0f : std::max(here.albedo.row(c, y)[x], least);
-    });
-    if (!divided) {
-      const auto divide_again = [&](int c, int y, int x, float v) { return v / factor.row(c, y)[x]; };
-      for_values(clean.a, divide_again);
-      if (clean.halves()) for_values(clean.b, divide_again);
-    }
+  Planes factor = this->factor(frame, here, part, divided ? kLeastReflectance : kLeastFactor);
+  if (!divided) {
+    const auto divide_again = [&](int c, int y, int x, float v) { return v / factor.row(c, y)[x]; };
+    for_values(clean.a, divide_again);
+    if (clean.halves()) for_values(clean.b, divide_again);
   }
   out.light.push_back(std::move(clean));
   out.factor.push_back(std::move(factor));
@@ -495,24 +611,18 @@ void Denoiser::denoise_nl_means(int frame, std::size_t part, Denoised& out) {
 }
 
 void Denoiser::denoise_oidn(int frame, std::size_t part, Denoised& out) {
+  const FrameRange range = around(frame, std::min(radius_, 1));
+  for (int f = range.first; f <= range.last; ++f) averaged(f);
   const Averaged& here = averaged(frame);
-  const Source& own = source(frame);
+  const View& view = here.views[parts_[part].view];
+  const bool can_divide = parts_[part].divide, divided = parts_.size() > 1 && is_divided(frame, part);
   const auto start = cpu_seconds();
-  const int width = own.divisor.width(), height = own.divisor.height();
-  const bool reflected = parts_[part].reflected && !here.albedo.empty();
-  const bool divided = reflected && parts_.size() > 1 && !settings_.as_color;
-  Planes factor(width, height, 3, 1);
-  if (reflected) {
-    const float least = divided ? kLeastReflectance : 0.2f;
-    for_values(factor, [&](int c, int y, int x, float) {
-      return own.emitter.row(0, y)[x] > 0 ? 1.0f : std::max(here.albedo.row(c, y)[x], least);
-    });
-  }
-  const Planes white = divided ? Planes(width, height, 3, 1) : Planes();
+  Planes factor = this->factor(frame, here, part, divided ? kLeastReflectance : kLeastFactor);
+  const Planes white = divided ? Planes(factor.width(), factor.height(), 3, 1) : Planes();
   const auto clean = [&](const Planes& light) {
-    Planes color = reflected && !divided ? multiply(light, own.divisor) : light;
-    for_values(color, [](int, int, int, float v) { return std::max(v, 0.0f); });
-    Planes done = oidn_->denoise(color, divided ? white : here.albedo, here.normal);
+    Planes color = can_divide && !divided ? multiply(light, source(frame).views[parts_[part].view].divisor) : light;
+    for (float& v : color.values()) v = std::max(v, 0.0f);
+    Planes done = oidn_->denoise(color, divided ? white : view.albedo, view.normal);
     if (!divided) for_values(done, [&](int c, int y, int x, float v) { return v / factor.row(c, y)[x]; });
     return done;
   };
@@ -573,7 +683,7 @@ void Denoiser::make(int frame, Frame& out) {
     }
     for (std::size_t i = 0; i < sum.size(); ++i) {
       divide(sum[i], total);
-      const Planes* factor = i < kA ? &here.factor[part] : parts_[part].reflected ? &source(frame).divisor : nullptr;
+      const Planes* factor = i < kA ? &here.factor[part] : parts_[part].divide ? &source(frame).views[parts_[part].view].divisor : nullptr;
       for_values(sums[i], [&](int c, int y, int x, float v) {
         return v + sum[i].row(c, y)[x] * (factor ? factor->row(c, y)[x] : 1.0f);
       });

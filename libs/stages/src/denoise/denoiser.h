@@ -5,6 +5,7 @@
 #include <array>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -30,7 +31,7 @@ struct Settings {
   bool oidn = false;
   std::string oidn_path;
   Recipe recipe = Recipe::kAuto;
-  bool residuals = true, hold_fireflies = true, as_color = false;
+  bool residuals = true, hold_fireflies = true;
   int radius = 2;         ///< frames before and after that are averaged; 0: none
   std::vector<int> cuts;  ///< first frames of shots
 };
@@ -38,11 +39,16 @@ struct Settings {
 /// The frames from which `frame` is made: those within `distance` of it that no cut keeps from it.
 FrameRange shot_around(int frame, int distance, const FrameRange& reach, const std::vector<int>& cuts);
 
+/// The mirrors and glass that the paths of a class meet before the first surface that scatters, "R" or "TT", by its
+/// expression; none where that is not one such chain for all of them.
+std::optional<std::string> chain_of(const std::string& expression);
+
 /// Which layers there are to work with.
 struct Available {
   explicit Available(std::span<const LayerDesc> layers);
   bool halves = false, variance = false, albedo = false, normal = false, emission = false, id = false, motion = false;
-  std::vector<std::string> classes;  ///< of light paths, that have halves of their own
+  std::vector<std::string> classes;  ///< of a decomposition, that have halves of their own
+  std::vector<std::string> chains;   ///< that have features of their own
   /// What is lost, a sentence each.
   std::vector<std::string> losses(bool alone) const;
 };
@@ -67,23 +73,32 @@ class Denoiser {
   };
   /// What is filtered by itself: all light, or the paths of one class.
   struct Part {
-    std::string name;  ///< of the class; "": of no class, or all light
-    bool reflected = true;  ///< by the first surface, so that it can be divided by its reflectance
+    std::string name;     ///< of the class; "": what is of no class, or all light
+    std::size_t view;     ///< of the surface that sends it on
+    bool divide;          ///< whether that is one which scatters, so that light can be divided by its reflectance
+  };
+  /// A surface that is seen: the first one, or the first one beyond a chain of mirrors and glass.
+  struct View {
+    Planes albedo, normal;
+    Planes divisor;  ///< reflectance, not too small
   };
   struct Source {
     Surfaces surfaces;
-    Planes albedo;
-    Planes emitter;  ///< 1 near what emits light: it has no reflectance that it could be divided by
-    Planes divisor;  ///< reflectance
-    std::vector<Light> light;  ///< of each part, divided by it where that is reflected
+    std::vector<View> views;
+    Planes emitter;            ///< 1 near what emits light: it has no reflectance that it could be divided by
+    std::vector<Light> light;  ///< of each part, divided where it can be
     int spp = 0;               ///< 0: not known
+  };
+  /// Squared errors of a part that is filtered divided by the reflectance, and of one that is filtered as it is.
+  struct Trial {
+    double divided = 0, whole = 0;
   };
   struct Averaged {
     std::vector<Light> light;
     std::map<int, Track> tracks;                 ///< by frame
     std::map<int, std::vector<Planes>> weights;  ///< of the frames around and the parts, by the noisy pictures
-    Planes albedo, normal;                       ///< without noise
-    std::vector<double> divided_error, color_error;  ///< of the parts that are reflected, see `try_both`
+    std::vector<View> views;                     ///< without noise
+    std::vector<Trial> trials;                   ///< of the parts
   };
   struct Denoised {
     std::vector<Light> light;    ///< divided by `factor`
@@ -96,23 +111,34 @@ class Denoiser {
   Source read(int frame);
   Averaged average(int frame);
   Denoised denoise(int frame);
+  /// What NL-means reads of a part of a frame, at the pixels of another one if there is a track.
+  struct Bundle {
+    Light light;
+    Planes valid, features;
+  };
+  Bundle bundle(int frame, const Averaged& averaged, std::size_t part, bool divided, const Track* track);
+  NlMeansSettings nl_means_settings(const Averaged& averaged, std::size_t part, bool divided) const;
   void denoise_nl_means(int frame, std::size_t part, Denoised& out);
   void denoise_oidn(int frame, std::size_t part, Denoised& out);
-  /// Tries on a few tiles whether it is better to filter a part divided by the reflectance or as it is: the error is
-  /// what each half, denoised by weights of the other, differs from the other.
-  void try_both(int frame, std::size_t part, Averaged& a);
+  /// Filters a few tiles both ways: the error is what each half, denoised by weights of the other, differs from that.
+  Trial try_both(int frame, const Averaged& averaged, std::size_t part);
+  /// Whether a part of a frame is to be filtered divided by the reflectance, by what was tried on it and those around.
+  bool is_divided(int frame, std::size_t part);
+  /// That makes radiance of what was divided; `least`: it was divided by no less.
+  Planes factor(int frame, const Averaged& averaged, std::size_t part, float least);
+  Recipe recipe(int frame);
+  FrameRange around(int frame, int distance) const;
   /// Divides the light by `divisor`, if there is one, and finds the variance.
   void prepare(Light& light, const Planes* divisor, const Planes& color_variance);
   /// Factors of both halves that bring what outshines the other half around it by far down to it.
   std::array<Planes, 2> held_fireflies(const Light& light);
-  Recipe recipe(int frame);
-  FrameRange around(int frame, int distance) const;
   /// Adds the time since `start` to a step.
   void spent(const std::string& step, double start);
 
   StageRun& run_;
   const Settings& settings_;
   Available available_;
+  std::vector<std::string> views_;  ///< chains of letters; "": the first surface
   std::vector<Part> parts_;
   int radius_;
   std::unique_ptr<Oidn> oidn_;

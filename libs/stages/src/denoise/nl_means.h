@@ -19,8 +19,8 @@ struct NlMeansFrame {
 };
 
 struct NlMeansSettings {
-  int window = 8;                   ///< radius in pixels of what is averaged
-  int window_around = 8;            ///< the same in the frames around
+  int window = 7;                   ///< radius in pixels of what is averaged
+  int window_around = 4;            ///< the same in the frames around
   int patch = 3;                    ///< radius of the patches that are compared
   float k = 0.3f;                   ///< strength: how many standard deviations count as like
   float k_feature = 0.6f;           ///< the same for features
