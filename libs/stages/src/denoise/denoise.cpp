@@ -18,21 +18,25 @@ using denoise::Settings;
 const std::vector<ParamSpec> kParams = {
     {.name = "method",
      .fallback = std::string("nl_means"),
-     .help = "denoiser of single frames: nl_means, oidn (Open Image Denoise)",
-     .choices = {"nl_means", "oidn"}},
+     .help = "denoiser of single frames: nl_means; oidn (Open Image Denoise); auto, which is oidn where it is installed",
+     .choices = {"nl_means", "oidn", "auto"}},
     {.name = "recipe",
      .fallback = std::string("auto"),
-     .help = "auto, single (the halves of the samples together) or halves (each)",
+     .help = "what is denoised: single, the mean of all samples; halves, each half of them; components, the same by class "
+             "of light paths; auto goes by the number of samples",
      .choices = {"auto", "single", "halves", "components"}},
-    {.name = "fireflies",
-     .fallback = std::string("hold"),
-     .help = "keep, hold",
-     .choices = {"keep", "hold"}},
-    {"residuals", true, "residuals"},
-    {"no_residuals", false, "none"},
     {"radius", 2, "frames before and after that are averaged along motion; 0: each frame alone", 0, 4},
     {"cuts", std::string(), "first frames of new shots, e.g. 25,61, where motion vectors do not say so"},
-    {"oidn", std::string(), "file of Open Image Denoise [TEMPERA_OIDN, else libOpenImageDenoise.so.2]"},
+    {.name = "fireflies",
+     .fallback = std::string("auto"),
+     .help = "hold brings what outshines the other half of the samples 4 times down to that; auto: with nl_means",
+     .choices = {"auto", "hold", "keep"}},
+    {.name = "residuals",
+     .fallback = std::string("yes"),
+     .help = "whether what both halves of the samples miss in the clean picture is given back",
+     .choices = {"yes", "no"}},
+    {"oidn", std::string(), "file of Open Image Denoise, else TEMPERA_OIDN, else libOpenImageDenoise.so.2"},
+    {"oidn_version", std::string(), "refuse any other version of it, e.g. 2.5.1"},
 };
 
 class Denoise final : public Stage {
@@ -52,7 +56,7 @@ class Denoise final : public Stage {
           layers::emission(), layers::object_id(), layers::motion_forward(), layers::motion_backward()}) {
       out.push_back({d, false});
     }
-    if (settings_.recipe == denoise::Recipe::kComponents) {
+    if (settings_.recipe == denoise::Recipe::kComponents || settings_.recipe == denoise::Recipe::kAuto) {
       for (const LayerDesc& d : in[0].layers) {
         if (d.name.starts_with("chain.")) out.push_back({d, false});
       }
@@ -75,7 +79,7 @@ class Denoise final : public Stage {
   void run(StageRun& run) const override {
     if (run.frames().empty()) return;
     for (const std::string& loss : Available(run.in()[0].layers).losses(settings_.radius == 0)) log_info(loss);
-    Denoiser denoiser(run, settings_);
+    Denoiser denoiser(run, settings_, oidn());
     double done = 0;
     for (const int f : run.frames()) {
       denoiser.forget_before(f);
@@ -84,8 +88,11 @@ class Denoise final : public Stage {
       run.write(f, std::move(out));
       run.progress(++done / double(run.frames().size()));
     }
+    for (std::string& note : denoiser.notes()) run.note(std::move(note));
     log_debug(denoiser.costs());
   }
+
+  std::string engine() const override { return denoise::describe_method(oidn().get()); }
 
  private:
   /// Statistics and parts of the noisy picture are not those of the clean one.
@@ -94,24 +101,39 @@ class Denoise final : public Stage {
            d.role != LayerRole::kReconstruction;
   }
 
+  /// Chosen once: all frames of a run are made by the same one.
+  const std::shared_ptr<denoise::Oidn>& oidn() const {
+    if (!chosen_) chosen_ = denoise::choose_method(settings_);
+    return *chosen_;
+  }
+
   Settings settings_;
+  mutable std::optional<std::shared_ptr<denoise::Oidn>> chosen_;
 };
 
 }  // namespace
 
 denoise::Settings::Settings(const Params& params)
-    : oidn(params.get_string("method") == "oidn"),
-      oidn_path(params.get_string("oidn")),
-      residuals(!params.get_bool("no_residuals")),
-      hold_fireflies(params.get_string("fireflies") == "hold"),
+    : oidn_path(params.get_string("oidn")),
+      oidn_version(params.get_string("oidn_version")),
+      residuals(params.get_string("residuals") == "yes"),
       radius(params.get_int("radius")) {
-  const std::string& name = params.get_string("recipe");
-  recipe = name == "single" ? Recipe::kSingle : name == "halves" ? Recipe::kHalves : name == "components" ? Recipe::kComponents : Recipe::kAuto;
+  const auto is = [&](const char* param, const char* value) { return params.get_string(param) == value; };
+  method = is("method", "auto") ? Method::kAuto : is("method", "oidn") ? Method::kOidn : Method::kNlMeans;
+  recipe = is("recipe", "single")       ? Recipe::kSingle
+           : is("recipe", "halves")     ? Recipe::kHalves
+           : is("recipe", "components") ? Recipe::kComponents
+                                        : Recipe::kAuto;
+  if (!is("fireflies", "auto")) hold_fireflies = is("fireflies", "hold");
+  if (method == Method::kNlMeans && (!oidn_path.empty() || !oidn_version.empty())) {
+    throw StageParamError(ErrorCode::kUsage, {oidn_path.empty() ? "oidn_version" : "oidn", "method"},
+                          "oidn and oidn_version are for method oidn or auto");
+  }
   if (const std::string& text = params.get_string("cuts"); !text.empty()) {
     try {
       cuts = parse_frame_set(text);
     } catch (const Error& e) {
-      throw StageParamError(ErrorCode::kBadInput, {"cuts"}, e.message());
+      throw StageParamError(e.code(), {"cuts"}, "cuts: " + e.message());
     }
   }
 }
@@ -129,13 +151,15 @@ const StageEntry denoise_entry{
               {{"color.a", "color.b"}, "halves of its samples, which tell noise from picture"},
               {{"color.var"}, "its variance, where there are no halves"},
               {{"albedo", "normal", "emission", "object_id"}, "what is seen, without noise"},
-              {{"motion.forward", "motion.backward"}, "needed together, for averages over time"}},
+              {{"motion.forward", "motion.backward"}, "needed together, for averages over time"},
+              {{"class.*"}, "light by class of paths, with the halves of each, of a decomposition"},
+              {{"chain.*"}, "`albedo` and `normal` of what is seen in mirrors and behind glass, by their letters"}},
     .writes = {{{"color"}, "the clean picture, with the input's alpha"}},
     .window = "`2 radius + 1` of them before and after it, up to the next cut, if they have motion vectors",
     .gap_help = "what they show is part of the averages over time (give --radius 0 to denoise each frame alone)",
     .examples = {"tempera denoise out/frame.####.exr -o final/frame.####.exr",
                  "tempera denoise out/ -o final/ --frames 1-24 --resume   (the same bits as all at once)",
-                 "tempera denoise out/ -o final/ --method oidn", "tempera denoise still.exr -o clean.exr"},
+                 "tempera denoise out/ -o final/ --method oidn --oidn /opt/oidn/lib/libOpenImageDenoise.so.2", "tempera denoise still.exr -o clean.exr"},
     .make = [](const Params& p) -> std::unique_ptr<Stage> { return std::make_unique<Denoise>(p); }};
 
 }  // namespace tempera

@@ -20,7 +20,9 @@ constexpr float kEmitterShare = 0.02f;      ///< of the light of a pixel that it
 constexpr float kLeastFactor = 0.2f;        ///< the same of clean light, as far as it is averaged over time
 constexpr float kFirefly = 4;               ///< times the brightest of the other half around that a half may be
 constexpr int kVarianceRadius = 3;
-constexpr int kTrialTiles = 8;              ///< one tile of so many is tried
+constexpr int kFew = 16, kMany = 32;        ///< samples per pixel, between which recipes change
+constexpr int kTrialTiles = 8;              ///< one tile of so many is tried, in large pictures
+constexpr int kTrialWindow = 5;
 constexpr std::string_view kChain = "chain.", kChainAlbedo = ".albedo", kChainNormal = ".normal";
 
 /// CPU time of all threads: what a step costs on one core, whatever else the machine does.
@@ -134,6 +136,13 @@ std::vector<std::string> Available::losses(bool alone) const {
 
 namespace {
 
+/// Samples per pixel, where the frame says so.
+std::optional<int> samples_of(const Metadata& metadata) {
+  const auto spp = metadata.find("tempera/spp");
+  const int* n = spp == metadata.end() ? nullptr : std::get_if<int>(&spp->second);
+  return n ? std::optional(*n) : std::nullopt;
+}
+
 /// "name=expression" of each class, from the metadata of a frame.
 std::map<std::string, std::string> class_expressions(const Metadata& metadata) {
   std::map<std::string, std::string> out;
@@ -164,11 +173,45 @@ Planes Denoiser::Light::mean() const {
   return out;
 }
 
-Denoiser::Denoiser(StageRun& run, const Settings& settings)
-    : run_(run), settings_(settings), available_(run.in()[0].layers), radius_(available_.motion ? settings.radius : 0) {
+std::shared_ptr<Oidn> choose_method(const Settings& settings) {
+  if (settings.method == Method::kNlMeans) return nullptr;
+  std::shared_ptr<Oidn> oidn;
+  try {
+    oidn = std::make_shared<Oidn>(settings.oidn_path);
+  } catch (const Error&) {
+    const bool asked = settings.method == Method::kOidn || !settings.oidn_path.empty() || !settings.oidn_version.empty();
+    if (asked) throw;
+    return nullptr;
+  }
+  if (!settings.oidn_version.empty() && settings.oidn_version != oidn->version()) {
+    throw Error(ErrorCode::kUnsupported,
+                fmt::format("Open Image Denoise here is version {}, version {} is asked for: frames of one sequence are "
+                            "denoised by one version",
+                            oidn->version(), settings.oidn_version));
+  }
+  return oidn;
+}
+
+std::string describe_method(const Oidn* oidn) { return oidn ? "oidn " + oidn->version() : "nl_means"; }
+
+Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn> oidn)
+    : run_(run),
+      settings_(settings),
+      available_(run.in()[0].layers),
+      radius_(available_.motion ? settings.radius : 0),
+      oidn_(std::move(oidn)),
+      recipe_(settings.recipe),
+      hold_fireflies_(settings.hold_fireflies.value_or(!oidn_)) {
+  const Metadata metadata = read_metadata(run.path(run.frames().front()));
+  if (recipe_ == Recipe::kAuto) {
+    const std::optional<int> spp = samples_of(metadata);
+    recipe_ = !available_.halves || spp.value_or(kMany) <= kFew          ? Recipe::kSingle
+              : !oidn_ && !available_.classes.empty() && *spp >= kMany ? Recipe::kComponents
+                                                                       : Recipe::kHalves;
+  }
   views_.push_back("");
-  if (settings.recipe == Recipe::kComponents) {
-    const std::map<std::string, std::string> expressions = class_expressions(read_metadata(run.path(run.frames().front())));
+  if (recipe_ == Recipe::kComponents) {
+    const std::map<std::string, std::string> expressions = class_expressions(metadata);
     for (const std::string& name : available_.classes) {
       const auto expression = expressions.find(name);
       const std::optional<std::string> chain = expression == expressions.end() ? "" : chain_of(expression->second);
@@ -184,7 +227,6 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings)
   }
   // What belongs to no class is a part of its own.
   parts_.push_back({"", 0, parts_.empty()});
-  if (settings.oidn) oidn_ = std::make_unique<Oidn>(settings.oidn_path);
 }
 
 FrameRange Denoiser::around(int frame, int distance) const {
@@ -218,13 +260,6 @@ void Denoiser::forget_before(int frame) {
   forget(sources_, frame - 2 * radius_ - 1);
 }
 
-Recipe Denoiser::recipe(int frame) {
-  if (settings_.recipe != Recipe::kAuto) return settings_.recipe;
-  const Source& s = source(frame);
-  if (!s.light[0].halves()) return Recipe::kSingle;
-  return s.spp > 16 || s.spp == 0 ? Recipe::kHalves : Recipe::kSingle;
-}
-
 Denoiser::Source Denoiser::read(int frame) {
   run_.check_stop();
   const auto start = cpu_seconds();
@@ -232,12 +267,15 @@ Denoiser::Source Denoiser::read(int frame) {
   spent("read", start);
   const auto prepared = cpu_seconds();
   Source out;
-  if (const auto spp = in.metadata.find("tempera/spp"); spp != in.metadata.end()) {
-    if (const int* n = std::get_if<int>(&spp->second)) out.spp = *n;
-  }
+  const auto finite = [&](Planes planes) {
+    for (float& v : planes.values()) {
+      if (!std::isfinite(v)) v = 0, ++damaged_;
+    }
+    return planes;
+  };
   const auto planes = [&](const LayerDesc& layer, int channels) {
     const Layer* l = in.find(layer.name);
-    return l && l->image.channels() >= channels ? Planes(l->image, channels) : Planes();
+    return l && l->image.channels() >= channels ? finite(Planes(l->image, channels)) : Planes();
   };
   const Planes color = planes(layers::color(), 3);
   const int width = color.width(), height = color.height();
@@ -248,7 +286,7 @@ Denoiser::Source Denoiser::read(int frame) {
     } else {
       const auto of_chain = [&](std::string_view feature) {
         const Layer* l = in.find(fmt::format("{}{}{}", kChain, chain, feature));
-        return l && l->image.channels() >= 3 ? Planes(l->image, 3) : Planes();
+        return l && l->image.channels() >= 3 ? finite(Planes(l->image, 3)) : Planes();
       };
       view.albedo = of_chain(kChainAlbedo), view.normal = of_chain(kChainNormal);
     }
@@ -311,10 +349,10 @@ Denoiser::Source Denoiser::read(int frame) {
     return light;
   };
   Light rest{color, {}, {}};
-  if (available_.halves && out.spp != 1)
+  if (available_.halves && samples_of(in.metadata) != 1)
     rest = halves_of(color, planes(layers::color_a(), 3), planes(layers::color_b(), 3));
   std::array<Planes, 2> fireflies;
-  if (settings_.hold_fireflies && rest.halves()) fireflies = held_fireflies(rest);
+  if (hold_fireflies_ && rest.halves()) fireflies = held_fireflies(rest, out.held);
   for (const Part& part : parts_) {
     Light light;
     if (part.name.empty()) {
@@ -360,7 +398,7 @@ void Denoiser::prepare(Light& light, const Planes* divisor, const Planes& color_
   }
 }
 
-std::array<Planes, 2> Denoiser::held_fireflies(const Light& light) {
+std::array<Planes, 2> Denoiser::held_fireflies(const Light& light, Held& shares) {
   const auto brightness = [](const Planes& in) {
     Planes out(in.width(), in.height(), 1);
     for_values(out, [&](int, int y, int x, float) {
@@ -390,7 +428,7 @@ std::array<Planes, 2> Denoiser::held_fireflies(const Light& light) {
       }
     });
   }
-  for (int y = 0; y < height; ++y) held_ += held[std::size_t(y)], all_ += all[std::size_t(y)];
+  for (int y = 0; y < height; ++y) shares.held += held[std::size_t(y)], shares.all += all[std::size_t(y)];
   return factor;
 }
 
@@ -446,7 +484,9 @@ Denoiser::Averaged Denoiser::average(int frame) {
   spent("features", features);
 
   const auto trials = cpu_seconds();
-  for (std::size_t part = 0; part < parts_.size(); ++part) out.trials.push_back(try_both(frame, out, part));
+  // All light together is always divided.
+  for (std::size_t part = 0; part < parts_.size(); ++part)
+    out.trials.push_back(parts_.size() > 1 ? try_both(frame, out, part) : Trial{});
   spent("trials", trials);
   return out;
 }
@@ -531,12 +571,12 @@ Denoiser::Trial Denoiser::try_both(int frame, const Averaged& averaged, std::siz
   const Planes& divisor = source(frame).views[parts_[part].view].divisor;
   const Light truth{multiply(averaged.light[part].a, divisor), multiply(averaged.light[part].b, divisor), {}};
   const float floor = 1e4f * noise_floor(truth.a);
-  const int every = (width + 63) / 64 * ((height + 31) / 32) >= 4 * kTrialTiles ? kTrialTiles : 2;
+  const int every = (width + 63) / 64 * ((height + 31) / 32) >= 4 * kTrialTiles ? kTrialTiles : 4;
   for (const bool divided : {true, false}) {
     const Bundle b = bundle(frame, averaged, part, divided, nullptr);
     NlMeansSettings settings = nl_means_settings(averaged, part, divided);
     settings.floor = noise_floor(b.light.a);
-    settings.every = every;
+    settings.every = every, settings.window = kTrialWindow;
     const NlMeansFrame only{&b.light.a, &b.light.b, &b.light.variance, nullptr, pointer(b.features)};
     const NlMeansResult result = nl_means(std::span(&only, 1), settings);
     const Planes back = divided ? factor(frame, averaged, part, kLeastReflectance) : Planes(width, height, 3, 1);
@@ -628,7 +668,7 @@ void Denoiser::denoise_oidn(int frame, std::size_t part, Denoised& out) {
   };
   const Light& light = here.light[part];
   Light done;
-  if (recipe(frame) != Recipe::kSingle && light.halves()) {
+  if (recipe_ != Recipe::kSingle && light.halves()) {
     done.a = clean(light.a), done.b = clean(light.b);
   } else {
     done.a = clean(light.mean());
@@ -639,7 +679,6 @@ void Denoiser::denoise_oidn(int frame, std::size_t part, Denoised& out) {
 }
 
 void Denoiser::make(int frame, Frame& out) {
-  const Recipe recipe = this->recipe(frame);
   const FrameRange range = around(frame, radius_);
   for (int f = range.first; f <= range.last; ++f) denoised(f);
   const Denoised& here = denoised(frame);
@@ -664,7 +703,7 @@ void Denoiser::make(int frame, Frame& out) {
     std::vector<Planes> sum = pictures(frame);
     const Planes own = sum[kClean];
     Planes total(own.width(), own.height(), 1, 1);
-    const bool by_halves = recipe != Recipe::kSingle && halves;
+    const bool by_halves = recipe_ != Recipe::kSingle && halves;
     const Planes variance = by_halves ? half_variance(clean.a, clean.b, kVarianceRadius) : Planes();
     Likeness likeness{.k = 1, .radius = 2, .relative = 1e-6f, .floor = noise_floor(own)};
     for (const auto& [f, track] : noisy.tracks) {
@@ -702,8 +741,22 @@ void Denoiser::make(int frame, Frame& out) {
       for (int c = 0; c < 3; ++c) to[c] = std::max(sums[kClean].row(c, y)[x], 0.0f);
     }
   });
-  out.metadata["tempera/denoise_method"] = oidn_ ? "oidn " + oidn_->version() : std::string("nl_means");
+  if (hold_fireflies_ && source(frame).held.all > 0)
+    out.metadata["tempera/denoise_held_share"] = source(frame).held.share();
+  held_.held += source(frame).held.held, held_.all += source(frame).held.all;
   ++frames_;
+}
+
+std::vector<std::string> Denoiser::notes() const {
+  const char* const how = recipe_ == Recipe::kComponents ? "halves of the samples, by class of light paths"
+                          : recipe_ == Recipe::kHalves   ? "halves of the samples"
+                                                         : "all samples together";
+  std::vector<std::string> out{fmt::format("denoised by {}: {}", describe_method(oidn_.get()), how)};
+  if (damaged_ > 0) out.push_back(fmt::format("{} values that are not finite count as 0", damaged_));
+  if (hold_fireflies_ && held_.all > 0)
+    out.push_back(fmt::format("{:.2g} % of the light was held back, as it outshines the other half of the samples by far",
+                              100 * held_.share()));
+  return out;
 }
 
 std::string Denoiser::costs() const {

@@ -20,21 +20,31 @@ namespace tempera::denoise {
 
 /// What is done with the halves of the samples, see docs/denoising.md.
 enum class Recipe {
-  kAuto,
+  kAuto,        ///< by the number of samples and what layers there are
   kSingle,     ///< they are denoised together; what is alike over time is judged by the noisy pictures
   kHalves,     ///< each is denoised, and what is alike is judged by the results
   kComponents,  ///< the same for each class of paths
 };
 
+enum class Method { kAuto, kNlMeans, kOidn };
+
 struct Settings {
+  /// Errors: StageParamError.
   explicit Settings(const Params& params);
-  bool oidn = false;
-  std::string oidn_path;
+  Method method = Method::kAuto;
+  std::string oidn_path, oidn_version;  ///< empty: any
   Recipe recipe = Recipe::kAuto;
-  bool residuals = true, hold_fireflies = true;
-  int radius = 2;         ///< frames before and after that are averaged; 0: none
-  std::vector<int> cuts;  ///< first frames of shots
+  bool residuals = true;
+  std::optional<bool> hold_fireflies;  ///< none: as the method needs it
+  int radius = 2;                      ///< frames before and after that are averaged; 0: none
+  std::vector<int> cuts;               ///< first frames of shots
 };
+
+/// The denoiser of single frames that `settings` ask for: Open Image Denoise, or null for NL-means.
+/// Errors: Error{kUnsupported} if it is asked for, or a version of it, and is not there.
+std::shared_ptr<Oidn> choose_method(const Settings& settings);
+/// "nl_means", or "oidn 2.5.1".
+std::string describe_method(const Oidn* oidn);
 
 /// The frames from which `frame` is made: those within `distance` of it that no cut keeps from it.
 FrameRange shot_around(int frame, int distance, const FrameRange& reach, const std::vector<int>& cuts);
@@ -55,13 +65,15 @@ struct Available {
 
 class Denoiser {
  public:
-  Denoiser(StageRun& run, const Settings& settings);
+  Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn> oidn);
   /// Fills `color` of a frame that has what passes through.
   void make(int frame, Frame& out);
   /// Frames before `frame` will not be made.
   void forget_before(int frame);
-  /// Seconds by step, and their sum per pixel and frame.
+  /// CPU time by step, per pixel and frame.
   std::string costs() const;
+  /// What was done, and with what of the light.
+  std::vector<std::string> notes() const;
 
  private:
   /// Halves of light, or all of it in `a`.
@@ -82,12 +94,17 @@ class Denoiser {
     Planes albedo, normal;
     Planes divisor;  ///< reflectance, not too small
   };
+  /// Light that was held back, and all light.
+  struct Held {
+    double held = 0, all = 0;
+    double share() const { return held / all; }
+  };
   struct Source {
     Surfaces surfaces;
     std::vector<View> views;
     Planes emitter;            ///< 1 near what emits light: it has no reflectance that it could be divided by
     std::vector<Light> light;  ///< of each part, divided where it can be
-    int spp = 0;               ///< 0: not known
+    Held held;
   };
   /// Squared errors of a part that is filtered divided by the reflectance, and of one that is filtered as it is.
   struct Trial {
@@ -126,12 +143,11 @@ class Denoiser {
   bool is_divided(int frame, std::size_t part);
   /// That makes radiance of what was divided; `least`: it was divided by no less.
   Planes factor(int frame, const Averaged& averaged, std::size_t part, float least);
-  Recipe recipe(int frame);
   FrameRange around(int frame, int distance) const;
   /// Divides the light by `divisor`, if there is one, and finds the variance.
   void prepare(Light& light, const Planes* divisor, const Planes& color_variance);
   /// Factors of both halves that bring what outshines the other half around it by far down to it.
-  std::array<Planes, 2> held_fireflies(const Light& light);
+  static std::array<Planes, 2> held_fireflies(const Light& light, Held& shares);
   /// Adds the time since `start` to a step.
   void spent(const std::string& step, double start);
 
@@ -141,13 +157,16 @@ class Denoiser {
   std::vector<std::string> views_;  ///< chains of letters; "": the first surface
   std::vector<Part> parts_;
   int radius_;
-  std::unique_ptr<Oidn> oidn_;
+  std::shared_ptr<Oidn> oidn_;
+  Recipe recipe_;
+  bool hold_fireflies_;
   std::map<int, Source> sources_;
   std::map<int, Averaged> averaged_;
   std::map<int, Denoised> denoised_;
   std::map<std::string, double> seconds_;
   int frames_ = 0;
-  double held_ = 0, all_ = 0;
+  std::int64_t damaged_ = 0;  ///< values that were not finite
+  Held held_;                 ///< of all frames that were made
 };
 
 }  // namespace tempera::denoise
