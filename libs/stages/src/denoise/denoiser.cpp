@@ -305,9 +305,9 @@ Denoiser::Source Denoiser::read(int frame) {
       for_rows(height, [&](int y) {
         for (int x = 0; x < width; ++x) {
           const float* p = l->image.pixel(x, y);
-          const bool finite = std::isfinite(p[0]) && std::isfinite(p[1]);
-          v.row(0, y)[x] = finite ? p[0] : 0, v.row(1, y)[x] = finite ? p[1] : 0;
-          v.row(2, y)[x] = finite && (valid < 0 || p[valid] > 0) ? 1.0f : 0.0f;
+          const bool known = std::isfinite(p[0]) && std::isfinite(p[1]);
+          v.row(0, y)[x] = known ? p[0] : 0, v.row(1, y)[x] = known ? p[1] : 0;
+          v.row(2, y)[x] = known && (valid < 0 || p[valid] > 0) ? 1.0f : 0.0f;
         }
       });
       return v;
@@ -513,7 +513,14 @@ const Planes* pointer(const Planes& p) { return p.empty() ? nullptr : &p; }
 Denoiser::Denoised Denoiser::denoise(int frame) {
   Denoised out;
   for (std::size_t part = 0; part < parts_.size(); ++part) {
-    if (oidn_) {
+    const Light& light = averaged(frame).light[part];
+    const auto dark = [](const Planes& p) {
+      return std::all_of(p.values().begin(), p.values().end(), [](float v) { return v == 0; });
+    };
+    if (dark(light.a) && dark(light.b)) {  // a class that nothing in the picture belongs to
+      out.light.push_back(light);
+      out.factor.emplace_back(light.a.width(), light.a.height(), 3, 1.0f);
+    } else if (oidn_) {
       denoise_oidn(frame, part, out);
     } else {
       denoise_nl_means(frame, part, out);

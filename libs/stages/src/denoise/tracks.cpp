@@ -124,7 +124,7 @@ Planes likeness_weights(const Planes& here, const Planes& here_variance, const P
     for (int x = 0; x < width; ++x) {
       const float a = t0[x] - h0[x], b = t1[x] - h1[x], c = t2[x] - h2[x];
       const float mean = (h0[x] + h1[x] + h2[x]) * (1 / 3.0f);
-      // [Rousselle 2013, Eq. 6], the channels' differences averaged
+      // [Rousselle 2013], the channels' differences averaged
       const float num = (a * a + b * b + c * c) * (1 / 3.0f) - (vh[x] + std::min(vh[x], vt[x]));
       const float den = likeness.floor + likeness.relative * mean * mean + k2 * (vh[x] + vt[x]);
       d[x] = ok[x] * std::min(num / den, 1e6f);
