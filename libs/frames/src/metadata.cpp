@@ -98,6 +98,7 @@ bool RenderInfo::same_render(const RenderInfo& other) const {
 
 std::string stage_settings_key(std::string_view stage) { return fmt::format("tempera/{}", stage); }
 std::string stage_command_key(std::string_view stage) { return fmt::format("tempera/{}_command", stage); }
+std::string stage_engine_key(std::string_view stage) { return fmt::format("tempera/{}_engine", stage); }
 std::string stage_fingerprint_key(std::string_view stage) { return fmt::format("tempera/{}_fingerprint", stage); }
 
 bool is_fingerprint_key(std::string_view key) {

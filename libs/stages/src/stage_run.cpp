@@ -59,6 +59,27 @@ std::vector<int> frames_to_make(const StageEntry& entry, const StageSection& sec
   return frames;
 }
 
+/// That no finished frame of `output`, which this run keeps, was made by another engine.
+/// Errors: Error{kBadInput} naming the first.
+void check_engine(const StageEntry& entry, const std::string& engine, const std::string& output,
+                  const std::set<int>& remade) {
+  std::vector<int> frames = has_frame_pattern(output) ? existing_frames(output) : std::vector<int>();
+  for (const int f : frames) {
+    if (remade.contains(f)) continue;
+    Metadata metadata;
+    try {
+      metadata = read_metadata(frame_path(output, f));
+    } catch (const Error&) {
+      continue;  // not finished
+    }
+    const auto made_by = metadata.find(stage_engine_key(entry.name));
+    if (made_by == metadata.end() || made_by->second == MetaValue(engine)) continue;
+    throw Error(ErrorCode::kBadInput,
+                fmt::format("{} was {} by {}, here it would be {}: frames of one sequence are made alike",
+                            frame_path(output, f), entry.done, to_text(made_by->second), engine));
+  }
+}
+
 /// The sequence of a port as its files are, judged by `file`.
 SequenceDesc describe(const FrameSequence& files, const std::string& file, const StageSection& section) {
   const std::vector<int>& have = files.frames();
@@ -129,6 +150,7 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
   const std::string fingerprint_key = stage_fingerprint_key(entry.name);
   const auto out_path = [&](int f) { return frame_path(output, f); };
 
+  const std::string engine = stage->engine();
   StageReport report;
   std::vector<StageRun> runs;
   std::size_t wanted = 0;
@@ -149,6 +171,13 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
   if (wanted > 1 && !has_frame_pattern(output)) {
     throw Error(ErrorCode::kUsage,
                 fmt::format("{} cannot hold {} frames; write {}", output, wanted, numbered_pattern(output)));
+  }
+  if (!engine.empty()) {
+    std::set<int> remade;  // --resume keeps what was made before
+    for (const StageRun& run : runs) {
+      if (!options.resume) remade.insert(run.frames_.begin(), run.frames_.end());
+    }
+    check_engine(entry, engine, output, remade);
   }
   const auto check_stop = [&] {
     if (stop.stop_requested()) {
@@ -184,7 +213,7 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
     const WriteOptions& w = options.write;
     const std::string settings =
         fmt::format("{}\n{}\n{}half={} names={} lossy={}\n", TEMPERA_VERSION, choice.params.canonical(),
-                    stage->identity(run.in_), w.half, names_text(w), w.compression == Compression::kDwaa);
+                    stage->identity(run.in_) + engine, w.half, names_text(w), w.compression == Compression::kDwaa);
     std::vector<int> unfinished;
     for (const int f : run.frames_) {
       check_stop();
@@ -236,6 +265,7 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
       std::erase_if(out.metadata, [](const auto& value) { return is_fingerprint_key(value.first); });
       if (!entry.params.empty()) out.metadata[stage_settings_key(entry.name)] = choice.params.canonical();
       out.metadata[fingerprint_key] = target->second;
+      if (!engine.empty()) out.metadata[stage_engine_key(entry.name)] = engine;
       if (!options.command.empty()) out.metadata[stage_command_key(entry.name)] = options.command;
       const std::string path = out_path(f);
       write_frame(path, out, options.write);

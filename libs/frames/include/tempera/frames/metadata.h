@@ -50,6 +50,8 @@ bool is_fingerprint_key(std::string_view key);
 /// Attributes of a file that a stage made: its parameters, and its command line.
 std::string stage_settings_key(std::string_view stage);  ///< "tempera/<stage>"
 std::string stage_command_key(std::string_view stage);   ///< "tempera/<stage>_command"
+/// What did the work, where that depends on the machine.
+std::string stage_engine_key(std::string_view stage);  ///< "tempera/<stage>_engine"
 
 /// How a frame was rendered: the attributes "tempera/<field>". The text fields are free of meaning to this module.
 struct RenderInfo {

@@ -73,6 +73,9 @@ class Stage {
   /// What a frame depends on besides the parameters, its input frames and which ones these are: where it counts from
   /// the ends of the sequence, these. Changes the fingerprint.
   virtual std::string identity(std::span<const SequenceDesc> /*in*/) const { return ""; }
+  /// Which of several programs or libraries does the work, where that depends on the machine; recorded in the frames.
+  /// Frames of one sequence are made by the same one. Errors: Error{kUnsupported} if it is not there.
+  virtual std::string engine() const { return ""; }
   /// Makes run.frames(), in ascending order. Memory: what one window takes, however long the sequence is.
   virtual void run(StageRun& run) const = 0;
 };

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: Apache-2.0
+// The stage `denoise`: clean frames without flicker from noisy ones, see docs/denoising.md.
+#include <fmt/format.h>
+
+#include <algorithm>
+
+#include "denoise/denoiser.h"
+#include "tempera/core/log.h"
+
+namespace tempera {
+
+namespace {
+
+using denoise::Available;
+using denoise::Denoiser;
+using denoise::Settings;
+
+const std::vector<ParamSpec> kParams = {
+    {.name = "method",
+     .fallback = std::string("nl_means"),
+     .help = "denoiser of single frames: nl_means; oidn (Open Image Denoise); auto, which is oidn where it is installed",
+     .choices = {"nl_means", "oidn", "auto"}},
+    {.name = "recipe",
+     .fallback = std::string("auto"),
+     .help = "what is denoised: single, the mean of all samples; halves, each half of them; components, the same by class "
+             "of light paths; auto goes by the number of samples",
+     .choices = {"auto", "single", "halves", "components"}},
+    {"radius", 2, "frames before and after that are averaged along motion; 0: each frame alone", 0, 4},
+    {"cuts", std::string(), "first frames of new shots, e.g. 25,61, where motion vectors do not say so"},
+    {.name = "fireflies",
+     .fallback = std::string("auto"),
+     .help = "hold brings what outshines the other half of the samples 4 times down to that; auto: with nl_means",
+     .choices = {"auto", "hold", "keep"}},
+    {.name = "residuals",
+     .fallback = std::string("yes"),
+     .help = "whether what both halves of the samples miss in the clean picture is given back",
+     .choices = {"yes", "no"}},
+    {"oidn", std::string(), "file of Open Image Denoise, else TEMPERA_OIDN, else libOpenImageDenoise.so.2"},
+    {"oidn_version", std::string(), "refuse any other version of it, e.g. 2.5.1"},
+};
+
+class Denoise final : public Stage {
+ public:
+  explicit Denoise(const Params& params) : settings_(params) {}
+
+  SequenceDesc output(std::span<const SequenceDesc> in) const override {
+    SequenceDesc out = in[0];
+    std::erase_if(out.layers, [](const LayerDesc& d) { return !survives(d); });
+    return out;
+  }
+
+  std::vector<LayerUse> reads(int /*port*/, std::span<const SequenceDesc> in) const override {
+    std::vector<LayerUse> out{{layers::color(), true, "there is nothing to denoise"}};
+    for (const LayerDesc& d :
+         {layers::color_a(), layers::color_b(), layers::color_variance(), layers::albedo(), layers::normal(),
+          layers::emission(), layers::object_id(), layers::motion_forward(), layers::motion_backward()}) {
+      out.push_back({d, false});
+    }
+    if (settings_.recipe == denoise::Recipe::kComponents || settings_.recipe == denoise::Recipe::kAuto) {
+      for (const LayerDesc& d : in[0].layers) {
+        if (d.name.starts_with("chain.")) out.push_back({d, false});
+      }
+      for (const std::string& name : Available(in[0].layers).classes) {
+        for (const LayerDesc& d : {layers::color(), layers::color_a(), layers::color_b()})
+          out.push_back({layers::class_layer(name, d), false});
+      }
+    }
+    return out;
+  }
+
+  std::vector<int> inputs(int /*port*/, int frame, std::span<const SequenceDesc> in) const override {
+    // Averages before and after the denoiser, and the frames that it looks at itself.
+    const int radius = Available(in[0].layers).motion ? settings_.radius : 0;
+    const FrameRange range =
+        denoise::shot_around(frame, radius > 0 ? 2 * radius + 1 : 0, in[0].reach, settings_.cuts);
+    return frames_around(frame, frame - range.first, range.last - frame, in[0]);
+  }
+
+  void run(StageRun& run) const override {
+    if (run.frames().empty()) return;
+    for (const std::string& loss : Available(run.in()[0].layers).losses(settings_.radius == 0)) log_info(loss);
+    Denoiser denoiser(run, settings_, oidn());
+    double done = 0;
+    for (const int f : run.frames()) {
+      denoiser.forget_before(f);
+      Frame out = run.start(f);
+      denoiser.make(f, out);
+      run.write(f, std::move(out));
+      run.progress(++done / double(run.frames().size()));
+    }
+    for (std::string& note : denoiser.notes()) run.note(std::move(note));
+    log_debug(denoiser.costs());
+  }
+
+  std::string engine() const override { return denoise::describe_method(oidn().get()); }
+
+ private:
+  /// Statistics and parts of the noisy picture are not those of the clean one.
+  static bool survives(const LayerDesc& d) {
+    return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
+           d.role != LayerRole::kReconstruction;
+  }
+
+  /// Chosen once: all frames of a run are made by the same one.
+  const std::shared_ptr<denoise::Oidn>& oidn() const {
+    if (!chosen_) chosen_ = denoise::choose_method(settings_);
+    return *chosen_;
+  }
+
+  Settings settings_;
+  mutable std::optional<std::shared_ptr<denoise::Oidn>> chosen_;
+};
+
+}  // namespace
+
+denoise::Settings::Settings(const Params& params)
+    : oidn_path(params.get_string("oidn")),
+      oidn_version(params.get_string("oidn_version")),
+      residuals(params.get_string("residuals") == "yes"),
+      radius(params.get_int("radius")) {
+  const auto is = [&](const char* param, const char* value) { return params.get_string(param) == value; };
+  method = is("method", "auto") ? Method::kAuto : is("method", "oidn") ? Method::kOidn : Method::kNlMeans;
+  recipe = is("recipe", "single")       ? Recipe::kSingle
+           : is("recipe", "halves")     ? Recipe::kHalves
+           : is("recipe", "components") ? Recipe::kComponents
+                                        : Recipe::kAuto;
+  if (!is("fireflies", "auto")) hold_fireflies = is("fireflies", "hold");
+  if (method == Method::kNlMeans && (!oidn_path.empty() || !oidn_version.empty())) {
+    throw StageParamError(ErrorCode::kUsage, {oidn_path.empty() ? "oidn_version" : "oidn", "method"},
+                          "oidn and oidn_version are for method oidn or auto");
+  }
+  if (const std::string& text = params.get_string("cuts"); !text.empty()) {
+    try {
+      cuts = parse_frame_set(text);
+    } catch (const Error& e) {
+      throw StageParamError(e.code(), {"cuts"}, "cuts: " + e.message());
+    }
+  }
+}
+
+extern const StageEntry denoise_entry;
+const StageEntry denoise_entry{
+    .name = "denoise",
+    .help = "clean frames without flicker from noisy ones",
+    .command_help = "Denoise frames, with what the frames around show of the same.",
+    .done = "denoised",
+    .params = kParams,
+    .ports = {{"in", "noisy frames"}},
+    .output_help = "clean frames",
+    .reads = {{{"color"}, "needed: the noisy picture"},
+              {{"color.a", "color.b"}, "halves of its samples, which tell noise from picture"},
+              {{"color.var"}, "its variance, where there are no halves"},
+              {{"albedo", "normal", "emission", "object_id"}, "what is seen, without noise"},
+              {{"motion.forward", "motion.backward"}, "needed together, for averages over time"},
+              {{"class.*"}, "light by class of paths, with the halves of each, of a decomposition"},
+              {{"chain.*"}, "`albedo` and `normal` of what is seen in mirrors and behind glass, by their letters"}},
+    .writes = {{{"color"}, "the clean picture, with the input's alpha"}},
+    .window = "`2 radius + 1` of them before and after it, up to the next cut, if they have motion vectors",
+    .gap_help = "what they show is part of the averages over time (give --radius 0 to denoise each frame alone)",
+    .examples = {"tempera denoise out/frame.####.exr -o final/frame.####.exr",
+                 "tempera denoise out/ -o final/ --frames 1-24 --resume   (the same bits as all at once)",
+                 "tempera denoise out/ -o final/ --method oidn --oidn /opt/oidn/lib/libOpenImageDenoise.so.2", "tempera denoise still.exr -o clean.exr"},
+    .make = [](const Params& p) -> std::unique_ptr<Stage> { return std::make_unique<Denoise>(p); }};
+
+}  // namespace tempera

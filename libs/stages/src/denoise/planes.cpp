@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "denoise/planes.h"
+
+#include <algorithm>
+
+namespace tempera::denoise {
+
+namespace {
+
+constexpr int kBlock = 32;  ///< rows that one task sums up: a constant, as rounding depends on it
+
+/// Means along a row.
+void box_row(const float* in, float* out, int width, int radius) {
+  double sum = 0;
+  for (int x = 0; x < std::min(radius, width); ++x) sum += double(in[x]);
+  for (int x = 0; x < width; ++x) {
+    if (x + radius < width) sum += double(in[x + radius]);
+    if (x - radius - 1 >= 0) sum -= double(in[x - radius - 1]);
+    const int count = std::min(x + radius, width - 1) - std::max(x - radius, 0) + 1;
+    out[x] = float(sum / count);
+  }
+}
+
+}  // namespace
+
+Planes::Planes(const Image& image, int channels) : Planes(image.width(), image.height(), channels) {
+  const int stride = image.channels();
+  for_rows(height_, [&](int y) {
+    const float* from = image.row(y);
+    for (int c = 0; c < channels_; ++c) {
+      float* to = row(c, y);
+      for (int x = 0; x < width_; ++x) to[x] = from[std::size_t(x) * std::size_t(stride) + std::size_t(c)];
+    }
+  });
+}
+
+Image Planes::image() const {
+  Image out(width_, height_, channels_);
+  for_rows(height_, [&](int y) {
+    float* to = out.row(y);
+    for (int c = 0; c < channels_; ++c) {
+      const float* from = row(c, y);
+      for (int x = 0; x < width_; ++x) to[std::size_t(x) * std::size_t(channels_) + std::size_t(c)] = from[x];
+    }
+  });
+  return out;
+}
+
+void for_rows(int height, const std::function<void(int y)>& body) {
+  parallel_for(
+      0, height, [&](std::int64_t y) { body(int(y)); }, 8);
+}
+
+Planes box_mean(const Planes& in, int radius) {
+  const int width = in.width(), height = in.height();
+  Planes rows(width, height, in.channels()), out(width, height, in.channels());
+  const int blocks = (height + kBlock - 1) / kBlock;
+  for (int c = 0; c < in.channels(); ++c) {
+    for_rows(height, [&](int y) { box_row(in.row(c, y), rows.row(c, y), width, radius); });
+    parallel_for(0, blocks, [&](std::int64_t block) {
+      const int begin = int(block) * kBlock, end = std::min(begin + kBlock, height);
+      std::vector<double> sum(std::size_t(width), 0.0);
+      for (int y = std::max(begin - radius, 0); y < std::min(begin + radius, height); ++y) {
+        const float* from = rows.row(c, y);
+        for (int x = 0; x < width; ++x) sum[std::size_t(x)] += double(from[x]);
+      }
+      for (int y = begin; y < end; ++y) {
+        if (y + radius < height) {
+          const float* from = rows.row(c, y + radius);
+          for (int x = 0; x < width; ++x) sum[std::size_t(x)] += double(from[x]);
+        }
+        const int count = std::min(y + radius, height - 1) - std::max(y - radius, 0) + 1;
+        float* to = out.row(c, y);
+        for (int x = 0; x < width; ++x) to[x] = float(sum[std::size_t(x)] / count);
+        if (y - radius >= 0) {
+          const float* from = rows.row(c, y - radius);
+          for (int x = 0; x < width; ++x) sum[std::size_t(x)] -= double(from[x]);
+        }
+      }
+    });
+  }
+  return out;
+}
+
+Planes half_variance(const Planes& a, const Planes& b, int radius) {
+  Planes raw(a.width(), a.height(), 1);
+  for_rows(a.height(), [&](int y) {
+    float* to = raw.row(0, y);
+    for (int c = 0; c < a.channels(); ++c) {
+      const float *pa = a.row(c, y), *pb = b.row(c, y);
+      for (int x = 0; x < a.width(); ++x) {
+        const float d = pa[x] - pb[x];
+        to[x] += d * d;
+      }
+    }
+    for (int x = 0; x < a.width(); ++x) to[x] /= float(4 * a.channels());
+  });
+  return box_mean(raw, radius);
+}
+
+}  // namespace tempera::denoise

@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Pictures as planes of single channels, which is what filters loop over, and the loops that they share. Private to the
+// denoiser.
+#include <cstdint>
+#include <functional>
+#include <vector>
+
+#include "tempera/core/parallel.h"
+#include "tempera/frames/image.h"
+
+namespace tempera::denoise {
+
+/// Channels one after another, each [height, width].
+class Planes {
+ public:
+  Planes() = default;
+  Planes(int width, int height, int channels, float fill = 0)
+      : width_(width),
+        height_(height),
+        channels_(channels),
+        data_(std::size_t(width) * std::size_t(height) * std::size_t(channels), fill) {}
+  /// The first `channels` channels of an image. Pre: it has that many.
+  Planes(const Image& image, int channels);
+
+  int width() const { return width_; }
+  int height() const { return height_; }
+  int channels() const { return channels_; }
+  bool empty() const { return data_.empty(); }
+  std::size_t pixels() const { return std::size_t(width_) * std::size_t(height_); }
+  float* plane(int c) { return data_.data() + std::size_t(c) * pixels(); }
+  const float* plane(int c) const { return data_.data() + std::size_t(c) * pixels(); }
+  float* row(int c, int y) { return plane(c) + std::size_t(y) * std::size_t(width_); }
+  const float* row(int c, int y) const { return plane(c) + std::size_t(y) * std::size_t(width_); }
+  std::vector<float>& values() { return data_; }
+  const std::vector<float>& values() const { return data_; }
+  /// Interleaved again.
+  Image image() const;
+
+ private:
+  int width_ = 0, height_ = 0, channels_ = 0;
+  std::vector<float> data_;
+};
+
+/// Calls body(y) for all rows, in parallel.
+void for_rows(int height, const std::function<void(int y)>& body);
+
+/// Mean over (2 radius + 1)^2 pixels, as far as they are in the picture, of each channel. Result: the same bits for any
+/// number of threads.
+Planes box_mean(const Planes& in, int radius);
+
+/// The mean over the channels of (a - b)^2 / 4, averaged over (2 radius + 1)^2 pixels: the variance of (a + b) / 2,
+/// where a and b are independent.
+Planes half_variance(const Planes& a, const Planes& b, int radius);
+
+inline float luminance(float r, float g, float b) { return 0.2126f * r + 0.7152f * g + 0.0722f * b; }
+
+}  // namespace tempera::denoise

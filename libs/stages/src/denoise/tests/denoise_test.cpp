@@ -1,0 +1,383 @@
+// SPDX-License-Identifier: Apache-2.0
+// The stage `denoise`, on files: noisy frames of a textured wall that moves.
+#include <dlfcn.h>
+#include <fmt/format.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <filesystem>
+
+#include "tempera/core/log.h"
+#include "tempera/core/parallel.h"
+#include "tempera/core/random.h"
+#include "tempera/frames/files.h"
+#include "tempera/stages/stage_run.h"
+
+namespace tempera {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kWidth = 72, kHeight = 40;
+
+float deviate(std::uint64_t seed, int frame, int x, int y, int c) {
+  const auto uniform = [&](int k) {
+    const std::uint64_t h = hash_key(seed, frame, x, y, c, k);
+    return (double(h >> 11) + 0.5) / double(1ull << 53);
+  };
+  return float(std::sqrt(-2 * std::log(uniform(1))) * std::cos(6.283185307179586 * uniform(2)));
+}
+
+struct Shot {
+  int first = 1, last = 9, spp = 32;
+  float noise = 0.2f;  ///< standard deviation of `color`
+  int cut = 1000;      ///< first frame of another picture
+  bool vectors_know = true;
+  bool halves = true, motion = true, features = true, classes = false;
+  int firefly_frame = 0;
+};
+
+float albedo_at(const Shot& s, int frame, int x, int y) {
+  const int u = x - frame + (frame >= s.cut ? 7 : 0), v = y;  // moves to the right, a pixel a frame
+  return 0.3f + 0.5f * float(((u + 600) / 5 + v / 5) % 2);
+}
+float light_at(const Shot& s, int frame, int x, int y) {
+  const float u = float(x - frame);
+  return (frame >= s.cut ? 2.5f : 1.0f) * (0.6f + 0.3f * std::sin(0.09f * u) * std::cos(0.13f * float(y)));
+}
+
+class Denoise : public testing::Test {
+ protected:
+  Denoise() {
+    folder_ = fs::path(testing::TempDir()) / ("tempera_" + std::to_string(::getpid()) + "_" +
+                                              testing::UnitTest::GetInstance()->current_test_info()->name());
+    fs::create_directories(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+  std::string pattern(const std::string& name) const { return (folder_ / (name + ".####.exr")).string(); }
+
+  static Frame make(const Shot& s, int f) {
+    Frame frame(kWidth, kHeight);
+    Image& color = frame.create(layers::color());
+    Image halves[2] = {Image(kWidth, kHeight, 3), Image(kWidth, kHeight, 3)};
+    Image albedo(kWidth, kHeight, 3), normal(kWidth, kHeight, 3), id(kWidth, kHeight, 1);
+    Image vectors[2] = {Image(kWidth, kHeight, 4), Image(kWidth, kHeight, 4)};
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        const float a = albedo_at(s, f, x, y), truth = a * light_at(s, f, x, y);
+        for (int c = 0; c < 3; ++c) {
+          for (int h = 0; h < 2; ++h) {
+            float& v = halves[h].pixel(x, y)[c];
+            v = std::max(0.0f, truth + a * s.noise * 1.414f * deviate(std::uint64_t(h + 1), f, x, y, c));
+            if (h == 0 && f == s.firefly_frame && x == 30 && y == 20) v += 2000;
+          }
+          color.pixel(x, y)[c] = 0.5f * (halves[0].pixel(x, y)[c] + halves[1].pixel(x, y)[c]);
+          albedo.pixel(x, y)[c] = a;
+        }
+        color.at(x, y, 3) = float(x) / kWidth;
+        normal.set_vec3(x, y, {0, 0, 1});
+        id.at(x, y) = 1;
+        for (int d = 0; d < 2; ++d) {
+          const int there = d == 0 ? f + 1 : f - 1;
+          const bool same = (there >= s.cut) == (f >= s.cut) || !s.vectors_know;
+          vectors[d].at(x, y, 0) = d == 0 ? 1.0f : -1.0f;
+          vectors[d].at(x, y, 3) = same ? 1.0f : 0.0f;
+        }
+      }
+    }
+    if (s.halves) frame.add(layers::color_a(), halves[0]), frame.add(layers::color_b(), halves[1]);
+    if (s.features) frame.add(layers::albedo(), albedo), frame.add(layers::normal(), normal), frame.add(layers::object_id(), id);
+    if (s.motion) frame.add(layers::motion_forward(), vectors[0]), frame.add(layers::motion_backward(), vectors[1]);
+    if (s.classes) {  // half of the light is of one class, a quarter of another
+      for (const auto& [name, share] : {std::pair{"direct", 0.5f}, {"mirrored", 0.25f}, {"residual", 0.25f}}) {
+        for (const auto& [layer, image] : {std::pair{layers::color(), &color}, {layers::color_a(), &halves[0]},
+                                           {layers::color_b(), &halves[1]}}) {
+          Image part(kWidth, kHeight, 3);
+          for (int y = 0; y < kHeight; ++y) {
+            for (int x = 0; x < kWidth; ++x) part.set_rgb(x, y, image->rgb(x, y) * share);
+          }
+          frame.add(layers::class_layer(name, layer), part);
+        }
+      }
+      frame.metadata["tempera/classes"] = std::string("direct=ED.*;mirrored=ER.*");
+    }
+    frame.create(layers::crypto(0)).at(3, 4, 0) = 1e-30f;
+    frame.metadata["tempera/spp"] = s.spp;
+    frame.metadata["tempera/note"] = fmt::format("frame {}", f);
+    return frame;
+  }
+  FrameSequence write(const std::string& name, const Shot& s = {}) const {
+    for (int f = s.first; f <= s.last; ++f) write_frame(frame_path(pattern(name), f), make(s, f));
+    return FrameSequence(pattern(name));
+  }
+  using Flags = std::map<std::string, std::string>;
+  StageReport run(const FrameSequence& in, const std::string& out, const Flags& flags = {},
+                  StageOptions options = {}) const {
+    const StageEntry& entry = find_stage("denoise");
+    StageChoice choice{&entry, Params(entry.params)};
+    for (const auto& [name, value] : flags) choice.params.set_text(name, value);
+    StageObserver nobody;
+    return run_stage(choice, std::span(&in, 1), pattern(out), options, nobody);
+  }
+  Frame result(const std::string& name, int frame) const { return read_frame(frame_path(pattern(name), frame)); }
+  /// Mean squared error over the picture's radiance.
+  double error(const std::string& name, const Shot& s, int f) const {
+    const Frame frame = result(name, f);
+    double sum = 0;
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        for (int c = 0; c < 3; ++c) {
+          const float truth = albedo_at(s, f, x, y) * light_at(s, f, x, y);
+          sum += std::pow(double(frame.layer("color").at(x, y, c) - truth), 2);
+        }
+      }
+    }
+    return sum / (3.0 * kWidth * kHeight);
+  }
+  void expect_same(const std::string& a, const std::string& b, int f) const {
+    EXPECT_EQ(result(a, f).layer("color"), result(b, f).layer("color")) << a << ' ' << b << ' ' << f;
+  }
+  std::string error_of(const std::function<void()>& f, ErrorCode code) const {
+    try {
+      f();
+    } catch (const Error& e) {
+      EXPECT_EQ(e.code(), code) << e.what();
+      return e.message();
+    }
+    ADD_FAILURE() << "no Error was thrown";
+    return "";
+  }
+  fs::path folder_;
+};
+
+TEST_F(Denoise, TakesOutNoiseAndLeavesTheRest) {
+  const Shot shot;
+  const FrameSequence in = write("in", shot);
+  const StageReport report = run(in, "out");
+  EXPECT_EQ(report.frames.size(), 9u);
+  const double noisy = error("in", shot, 5), clean = error("out", shot, 5);
+  EXPECT_LT(clean, noisy / 60);
+  EXPECT_LT(error("out", shot, 1), noisy / 30) << "also at the end of the sequence";
+  const Frame before = read_frame(in.path(5)), after = result("out", 5);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) ASSERT_EQ(after.layer("color").at(x, y, 3), before.layer("color").at(x, y, 3));
+  }
+  for (const char* layer : {"albedo", "normal", "object_id", "motion.forward", "motion.backward", "CryptoObject00"})
+    EXPECT_EQ(after.layer(layer), before.layer(layer)) << layer;
+  for (const char* layer : {"color.a", "color.b"}) EXPECT_FALSE(after.has(layer)) << "not of this picture";
+  EXPECT_EQ(after.metadata.at("tempera/note"), before.metadata.at("tempera/note"));
+  EXPECT_EQ(to_text(after.metadata.at("tempera/denoise_engine")), "nl_means");
+}
+
+TEST_F(Denoise, FramesAroundHelpAndWithoutThemEachIsAlone) {
+  const Shot shot;
+  const FrameSequence in = write("in", shot);
+  run(in, "out"), run(in, "alone", {{"radius", "0"}}, {.sections = {{.frames = {5}}}});
+  EXPECT_LT(error("out", shot, 5), 0.7 * error("alone", shot, 5));
+  Shot still = shot;
+  still.first = still.last = 5;
+  run(write("still", still), "one");
+  expect_same("alone", "one", 5);
+}
+
+TEST_F(Denoise, SameBitsForAnyThreadsAndChunks) {
+  for (const bool classes : {false, true}) {
+    const Shot shot{.last = 14, .classes = classes};
+    const std::string name = classes ? "classes_" : "whole_";
+    const FrameSequence in = write(name + "in", shot);
+    with_threads(1, [&] { run(in, name + "one"); });
+    with_threads(3, [&] {
+      for (const std::vector<int>& frames : {std::vector{1, 2, 3}, {7}, {4, 12, 13}})
+        run(in, name + "part", {}, {.sections = {{.frames = frames}}});
+    });
+    for (const int f : {1, 2, 3, 4, 7, 12, 13}) expect_same(name + "one", name + "part", f);
+  }
+}
+
+TEST_F(Denoise, CutsEndAllAverages) {
+  for (const bool vectors : {true, false}) {
+    const Shot shot{.last = 12, .cut = 7, .vectors_know = vectors};
+    const std::string name = vectors ? "vectors" : "flag";
+    const FrameSequence in = write(name, shot);
+    run(in, name + "_out", vectors ? Flags{} : Flags{{"cuts", "7"}});
+    Shot before = shot, after = shot;
+    before.last = 6, after.first = 7;
+    run(write(name + "_before", before), name + "_before_out"), run(write(name + "_after", after), name + "_after_out");
+    for (const int f : {5, 6}) expect_same(name + "_out", name + "_before_out", f);
+    for (const int f : {7, 8}) expect_same(name + "_out", name + "_after_out", f);
+  }
+  const std::string message = error_of([&] { run(write("x"), "y", {{"cuts", "seven"}}); }, ErrorCode::kUsage);
+  EXPECT_NE(message.find("cuts"), std::string::npos) << message;
+}
+
+TEST_F(Denoise, WorksWithWhatThereIs) {
+  Shot shot{.last = 3};
+  double noisy = 0;
+  const auto gain = [&](const std::string& name, const Shot& s) {
+    run(write(name, s), name + "_out", {}, {.sections = {{.frames = {2}}}});
+    noisy = error(name, s, 2);
+    return noisy / error(name + "_out", s, 2);
+  };
+  const double all = gain("all", shot);
+  shot.motion = false;
+  const double no_motion = gain("no_motion", shot);
+  shot.halves = false;
+  const double no_halves = gain("no_halves", shot);
+  shot.features = false;
+  const double color_alone = gain("color_alone", shot);
+  EXPECT_GT(all, 1.2 * no_motion);
+  EXPECT_GT(no_motion, 10);
+  EXPECT_GT(no_halves, 5);
+  EXPECT_GT(color_alone, 1.5) << "noise is half of the texture's contrast";
+  const Shot one_sample{.last = 3, .spp = 1};
+  EXPECT_GT(gain("one_sample", one_sample), 5) << "its second half is not one";
+}
+
+TEST_F(Denoise, MoreSamplesLeadToTheTruth) {
+  const Shot shot{.last = 5, .spp = 1024, .noise = 0.01f};
+  const FrameSequence in = write("in", shot);
+  run(in, "out");
+  EXPECT_LT(error("out", shot, 3), 1.1 * error("in", shot, 3));
+}
+
+TEST_F(Denoise, ClassesOfPathsAddUp) {
+  const Shot shot{.classes = true};
+  const FrameSequence in = write("in", shot);
+  const StageReport report = run(in, "out");
+  ASSERT_FALSE(report.notes.empty());
+  EXPECT_NE(report.notes[0].find("by class of light paths"), std::string::npos) << report.notes[0];
+  EXPECT_LT(error("out", shot, 5), error("in", shot, 5) / 40);
+  EXPECT_FALSE(result("out", 5).has("class.direct.color"));
+  run(in, "halves", {{"recipe", "halves"}});
+  EXPECT_NE(result("halves", 5).layer("color"), result("out", 5).layer("color"));
+}
+
+TEST_F(Denoise, FirefliesAreHeldBackAndReported) {
+  const Shot shot{.last = 5, .firefly_frame = 3};
+  const FrameSequence in = write("in", shot);
+  const StageReport held = run(in, "held");
+  run(in, "kept", {{"fireflies", "keep"}, {"residuals", "no"}});
+  EXPECT_LT(error("held", shot, 3), error("kept", shot, 3) / 5) << "its energy would be spread";
+  double light = 0;  // of both halves
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) light += 2 * double(albedo_at(shot, 3, x, y) * light_at(shot, 3, x, y));
+  }
+  const double firefly = 2000;
+  const double share = std::get<double>(result("held", 3).metadata.at("tempera/denoise_held_share"));
+  EXPECT_NEAR(share, firefly / (firefly + light), 0.02);
+  EXPECT_FALSE(result("kept", 3).metadata.contains("tempera/denoise_held_share"));
+  bool told = false;
+  for (const std::string& note : held.notes) told = told || note.find("held back") != std::string::npos;
+  EXPECT_TRUE(told);
+}
+
+TEST_F(Denoise, DamagedPixelsDoNotSpread) {
+  const Shot shot{.last = 3};
+  for (int f = 1; f <= 3; ++f) {
+    Frame frame = make(shot, f);
+    if (f == 2) {
+      frame.layer("color").at(20, 20, 1) = NAN, frame.layer("color.a").at(20, 20, 1) = INFINITY;
+      frame.layer("albedo").at(40, 10, 0) = NAN, frame.layer("motion.forward").at(10, 10, 0) = NAN;
+    }
+    write_frame(frame_path(pattern("in"), f), frame);
+  }
+  run(FrameSequence(pattern("in")), "out");
+  for (int f = 1; f <= 3; ++f) {
+    const Frame out = result("out", f);
+    for (const float v : out.layer("color").values()) ASSERT_TRUE(std::isfinite(v)) << f;
+  }
+}
+
+TEST_F(Denoise, SequencesWithFaultsAreNamed) {
+  const Shot shot;
+  const FrameSequence in = write("in", shot);
+  fs::remove(in.path(4));
+  const std::string gap = error_of([&] { run(FrameSequence(pattern("in")), "out"); }, ErrorCode::kBadInput);
+  EXPECT_NE(gap.find("lacks frames in between: 4"), std::string::npos) << gap;
+  EXPECT_NE(gap.find("--radius 0"), std::string::npos) << gap;
+  EXPECT_EQ(run(FrameSequence(pattern("in")), "alone", {{"radius", "0"}}).frames.size(), 8u);
+  Frame small(kWidth / 2, kHeight);
+  small.create(layers::color());
+  write_frame(in.path(4), small);
+  const std::string size = error_of([&] { run(FrameSequence(pattern("in")), "out"); }, ErrorCode::kBadInput);
+  EXPECT_NE(size.find("36x40"), std::string::npos) << size;
+}
+
+/// With the library of the tests, which takes means over 3x3 pixels.
+class DenoiseOidn : public Denoise {
+ protected:
+  void TearDown() override {
+    unsetenv("TEMPERA_OIDN_STUB_VERSION"), unsetenv("TEMPERA_OIDN");
+    Denoise::TearDown();
+  }
+  const Flags stub_{{"method", "oidn"}, {"oidn", TEMPERA_OIDN_STUB}};
+};
+
+TEST_F(DenoiseOidn, IsLoadedAndRecorded) {
+  for (const char* recipe : {"single", "halves", "components"}) {
+    const Shot shot{.last = 5, .classes = true};
+    const std::string name = recipe;
+    const FrameSequence in = write(name, shot);
+    Flags flags = stub_;
+    flags["recipe"] = recipe;
+    run(in, name + "_out", flags);
+    EXPECT_LT(error(name + "_out", shot, 3), error(name, shot, 3) / 1.5) << recipe;
+    EXPECT_EQ(to_text(result(name + "_out", 3).metadata.at("tempera/denoise_engine")), "oidn 2.3.4");
+  }
+}
+
+TEST_F(DenoiseOidn, MustBeThereInTheVersionThatIsAskedFor) {
+  const FrameSequence in = write("in", {.last = 3});
+  const auto refusal = [&](const Flags& flags) {
+    return error_of([&] { run(in, "out", flags); }, ErrorCode::kUnsupported);
+  };
+  EXPECT_NE(refusal({{"method", "oidn"}, {"oidn", "/nowhere/lib.so"}}).find("/nowhere/lib.so"), std::string::npos);
+  Flags flags = stub_;
+  flags["oidn_version"] = "2.5.1";
+  EXPECT_NE(refusal(flags).find("version 2.3.4, version 2.5.1 is asked for"), std::string::npos);
+  flags["oidn_version"] = "2.3.4";
+  EXPECT_EQ(run(in, "out", flags).frames.size(), 3u);
+  setenv("TEMPERA_OIDN_STUB_VERSION", "30000", 1);
+  EXPECT_NE(refusal(stub_).find("3.0.0"), std::string::npos);
+  error_of([&] { run(in, "out", {{"oidn", TEMPERA_OIDN_STUB}}); }, ErrorCode::kUsage);
+}
+
+TEST_F(DenoiseOidn, AutoTakesItWhereItIs) {
+  const FrameSequence in = write("in", {.last = 3});
+  setenv("TEMPERA_OIDN", TEMPERA_OIDN_STUB, 1);
+  run(in, "with", {{"method", "auto"}});
+  EXPECT_EQ(to_text(result("with", 2).metadata.at("tempera/denoise_engine")), "oidn 2.3.4");
+  setenv("TEMPERA_OIDN", "/nowhere/lib.so", 1);
+  run(in, "without", {{"method", "auto"}});
+  EXPECT_EQ(to_text(result("without", 2).metadata.at("tempera/denoise_engine")), "nl_means");
+}
+
+TEST_F(DenoiseOidn, FramesOfOneSequenceAreMadeAlike) {
+  const FrameSequence in = write("in", {.last = 4});
+  setenv("TEMPERA_OIDN", TEMPERA_OIDN_STUB, 1);
+  const Flags chosen{{"method", "auto"}};
+  run(in, "out", chosen, {.sections = {{.frames = {1, 2}}}});
+  setenv("TEMPERA_OIDN", "/nowhere/lib.so", 1);  // another machine of the farm
+  const auto refused = [&](const StageOptions& options) {
+    return error_of([&] { run(in, "out", chosen, options); }, ErrorCode::kBadInput);
+  };
+  EXPECT_NE(refused({.sections = {{.frames = {3, 4}}}}).find("by oidn 2.3.4, here it would be nl_means"), std::string::npos);
+  refused({.resume = true});
+  EXPECT_EQ(run(in, "out", chosen).frames.size(), 4u) << "all of them anew";
+}
+
+TEST_F(DenoiseOidn, OfTheRealLibrary) {
+  const char* const installed = std::getenv("TEMPERA_OIDN");
+  void* const handle = dlopen(installed ? installed : "libOpenImageDenoise.so.2", RTLD_NOW | RTLD_LOCAL);
+  if (!handle) GTEST_SKIP() << "Open Image Denoise is not installed";
+  dlclose(handle);
+  const Shot shot{.last = 5};
+  const FrameSequence in = write("in", shot);
+  run(in, "out", {{"method", "oidn"}});
+  EXPECT_LT(error("out", shot, 3), error("in", shot, 3) / 20);
+}
+
+}  // namespace
+}  // namespace tempera
