@@ -23,7 +23,6 @@ constexpr int kVarianceRadius = 3;
 constexpr int kFew = 16, kMany = 32;        ///< samples per pixel, between which recipes change
 constexpr int kTrialTiles = 8;              ///< one tile of so many is tried, in large pictures
 constexpr int kTrialWindow = 5;
-constexpr std::string_view kChain = "chain.", kChainAlbedo = ".albedo", kChainNormal = ".normal";
 
 /// CPU time of all threads: what a step costs on one core, whatever else the machine does.
 double cpu_seconds() { return double(std::clock()) / CLOCKS_PER_SEC; }
@@ -102,23 +101,10 @@ Available::Available(std::span<const LayerDesc> layers) {
       classes.push_back(name);
   }
   for (const LayerDesc& d : layers) {
-    if (d.name.starts_with(kChain) && d.name.ends_with(kChainAlbedo) && d.channel_count() >= 3) {
-      chains.push_back(d.name.substr(kChain.size(), d.name.size() - kChain.size() - kChainAlbedo.size()));
-    }
+    if (!d.chain.empty() && d == layers::chain_layer(d.chain, layers::albedo()) &&
+        has(layers::chain_layer(d.chain, layers::normal())))
+      chains.push_back(d.chain);
   }
-}
-
-std::optional<std::string> chain_of(const std::string& expression) {
-  std::size_t i = 0;
-  while (i < expression.size() && std::isspace(static_cast<unsigned char>(expression[i]))) ++i;
-  if (i == expression.size() || expression[i] != 'E') return std::nullopt;
-  std::string chain;
-  for (++i; i < expression.size() && (expression[i] == 'R' || expression[i] == 'T'); ++i) chain += expression[i];
-  // A letter that may be missing or repeated is no chain; nor is anything but a surface that scatters at its end.
-  if (i == expression.size() || expression[i] != 'D') return std::nullopt;
-  if (i + 1 < expression.size() && (expression[i + 1] == '*' || expression[i + 1] == '?')) return std::nullopt;
-  if (expression.find('|') != std::string::npos) return std::nullopt;
-  return chain;
 }
 
 std::vector<std::string> Available::losses(bool alone) const {
@@ -143,25 +129,29 @@ std::optional<int> samples_of(const Metadata& metadata) {
   return n ? std::optional(*n) : std::nullopt;
 }
 
-/// "name=expression" of each class, from the metadata of a frame.
-std::map<std::string, std::string> class_expressions(const Metadata& metadata) {
-  std::map<std::string, std::string> out;
+/// Chains whose surfaces the light of each class is seen on, from the metadata of a frame: a line for each class, of its
+/// name, expression and chains, apart by tabs.
+std::map<std::string, std::vector<std::string>> class_chains(const Metadata& metadata) {
+  std::map<std::string, std::vector<std::string>> out;
   const auto classes = metadata.find("tempera/classes");
   if (classes == metadata.end()) return out;
-  std::string text = to_text(classes->second);
-  std::replace(text.begin(), text.end(), ';', '\n');
-  std::istringstream lines(text);
+  std::istringstream lines(to_text(classes->second));
   for (std::string line; std::getline(lines, line);) {
-    const auto equals = line.find('=');
-    if (equals == std::string::npos) continue;
-    const auto trimmed = [](std::string s) {
-      const auto first = s.find_first_not_of(" \t\"");
-      const auto last = s.find_last_not_of(" \t\"");
-      return first == std::string::npos ? std::string() : s.substr(first, last - first + 1);
-    };
-    out[trimmed(line.substr(0, equals))] = trimmed(line.substr(equals + 1));
+    std::istringstream fields(line);
+    std::string name, expression, chain;
+    std::getline(fields, name, '\t'), std::getline(fields, expression, '\t');
+    std::vector<std::string>& chains = out[name];
+    while (fields >> chain) chains.push_back(chain);
   }
   return out;
+}
+
+/// The features of several chains together: what reaches the camera of all their surfaces.
+void add_chain(const Planes& albedo, const Planes& normal, Planes& sum, Planes& weighted) {
+  for_values(sum, [&](int c, int y, int x, float v) { return v + albedo.row(c, y)[x]; });
+  for_values(weighted, [&](int c, int y, int x, float v) {
+    return v + normal.row(c, y)[x] * luminance(albedo.row(0, y)[x], albedo.row(1, y)[x], albedo.row(2, y)[x]);
+  });
 }
 
 }  // namespace
@@ -209,17 +199,22 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
               : !oidn_ && !available_.classes.empty() && *spp >= kMany ? Recipe::kComponents
                                                                        : Recipe::kHalves;
   }
-  views_.push_back("");
+  views_.push_back(available_.chains);
   if (recipe_ == Recipe::kComponents) {
-    const std::map<std::string, std::string> expressions = class_expressions(metadata);
+    const std::map<std::string, std::vector<std::string>> of_classes = class_chains(metadata);
     for (const std::string& name : available_.classes) {
-      const auto expression = expressions.find(name);
-      const std::optional<std::string> chain = expression == expressions.end() ? "" : chain_of(expression->second);
-      Part part{name, 0, chain == ""};
-      const std::vector<std::string>& chains = available_.chains;
-      if (chain && !chain->empty() && std::find(chains.begin(), chains.end(), *chain) != chains.end()) {
-        auto view = std::find(views_.begin(), views_.end(), *chain);
-        if (view == views_.end()) view = views_.insert(view, *chain);
+      const auto found = of_classes.find(name);
+      std::vector<std::string> chains;
+      for (const std::string& chain : found == of_classes.end() ? std::vector<std::string>{} : found->second) {
+        if (std::find(available_.chains.begin(), available_.chains.end(), chain) != available_.chains.end())
+          chains.push_back(chain);
+      }
+      // Without features of its own, light that the first surface scatters goes by that surface.
+      const bool first_scatters = found == of_classes.end() || found->second == std::vector<std::string>{"D"};
+      Part part{name, 0, first_scatters};
+      if (!chains.empty()) {
+        auto view = std::find(views_.begin() + 1, views_.end(), chains);
+        if (view == views_.end()) view = views_.insert(view, chains);
         part.view = std::size_t(view - views_.begin()), part.divide = true;
       }
       parts_.push_back(std::move(part));
@@ -279,23 +274,34 @@ Denoiser::Source Denoiser::read(int frame) {
   };
   const Planes color = planes(layers::color(), 3);
   const int width = color.width(), height = color.height();
-  for (const std::string& chain : views_) {
-    View view;
-    if (chain.empty()) {
-      view.albedo = planes(layers::albedo(), 3), view.normal = planes(layers::normal(), 3);
-    } else {
-      const auto of_chain = [&](std::string_view feature) {
-        const Layer* l = in.find(fmt::format("{}{}{}", kChain, chain, feature));
-        return l && l->image.channels() >= 3 ? finite(Planes(l->image, 3)) : Planes();
+  const Planes first_albedo = planes(layers::albedo(), 3), first_normal = planes(layers::normal(), 3);
+  for (const std::vector<std::string>& chains : views_) {
+    View view{Planes(width, height, 3), Planes(width, height, 3), {}};
+    for (const std::string& chain : chains) {
+      add_chain(planes(layers::chain_layer(chain, layers::albedo()), 3),
+                planes(layers::chain_layer(chain, layers::normal()), 3), view.albedo, view.normal);
+    }
+    const Planes sum = view.albedo;
+    const auto light_of = [&](int y, int x) { return luminance(sum.row(0, y)[x], sum.row(1, y)[x], sum.row(2, y)[x]); };
+    for_values(view.normal, [&](int, int y, int x, float v) { return v / std::max(light_of(y, x), 1e-6f); });
+    if (out.views.empty()) {  // all that is seen: the first surface where no chain ends
+      const auto fill = [&](Planes& feature, const Planes& first) {
+        if (chains.empty() || first.empty()) {
+          feature = first;
+        } else {
+          for_values(feature, [&](int c, int y, int x, float v) {
+            return light_of(y, x) < kLeastReflectance ? first.row(c, y)[x] : v;
+          });
+        }
       };
-      view.albedo = of_chain(kChainAlbedo), view.normal = of_chain(kChainNormal);
+      fill(view.albedo, first_albedo), fill(view.normal, first_normal);
     }
     view.divisor = view.albedo.empty() ? Planes(width, height, 3, 1) : view.albedo;
     for (float& v : view.divisor.values()) v = std::max(v, kLeastReflectance);
     out.views.push_back(std::move(view));
   }
   Surfaces& s = out.surfaces;
-  s.normal = out.views[0].normal;
+  s.normal = first_normal;
   if (available_.motion && radius_ > 0) {
     const auto vectors = [&](const LayerDesc& layer) {
       const Layer* l = in.find(layer.name);

@@ -49,10 +49,6 @@ std::string describe_method(const Oidn* oidn);
 /// The frames from which `frame` is made: those within `distance` of it that no cut keeps from it.
 FrameRange shot_around(int frame, int distance, const FrameRange& reach, const std::vector<int>& cuts);
 
-/// The mirrors and glass that the paths of a class meet before the first surface that scatters, "R" or "TT", by its
-/// expression; none where that is not one such chain for all of them.
-std::optional<std::string> chain_of(const std::string& expression);
-
 /// Which layers there are to work with.
 struct Available {
   explicit Available(std::span<const LayerDesc> layers);
@@ -89,7 +85,8 @@ class Denoiser {
     std::size_t view;     ///< of the surface that sends it on
     bool divide;          ///< whether that is one which scatters, so that light can be divided by its reflectance
   };
-  /// A surface that is seen: the first one, or the first one beyond a chain of mirrors and glass.
+  /// Surfaces that are seen, the first ones that scatter after chains of mirrors and glass; features of several chains add
+  /// up to what reaches the camera.
   struct View {
     Planes albedo, normal;
     Planes divisor;  ///< reflectance, not too small
@@ -154,7 +151,8 @@ class Denoiser {
   StageRun& run_;
   const Settings& settings_;
   Available available_;
-  std::vector<std::string> views_;  ///< chains of letters; "": the first surface
+  /// Chains (layers::chain_layer) that are seen together: all of them first; without any that is the first surface.
+  std::vector<std::vector<std::string>> views_;
   std::vector<Part> parts_;
   int radius_;
   std::shared_ptr<Oidn> oidn_;

@@ -101,7 +101,7 @@ class Denoise : public testing::Test {
           frame.add(layers::class_layer(name, layer), part);
         }
       }
-      frame.metadata["tempera/classes"] = std::string("direct=ED.*;mirrored=ER.*");
+      frame.metadata["tempera/classes"] = std::string("direct\tED.*\tD\nmirrored\tER.*\tRD RRD\n");
     }
     frame.create(layers::crypto(0)).at(3, 4, 0) = 1e-30f;
     frame.metadata["tempera/spp"] = s.spp;

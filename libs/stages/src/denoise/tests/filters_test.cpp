@@ -223,14 +223,6 @@ TEST(Residuals, GiveBackWhatBothHalvesShowAndLittleNoise) {
   }
 }
 
-TEST(Chains, AreWhatAllPathsOfAClassMeetFirst) {
-  for (const auto& [expression, chain] :
-       {std::pair{"ED", ""}, {"ED.+", ""}, {"ED[RT]+", ""}, {"ERD.*", "R"}, {"ETTD.*", "TT"}, {"ETRTDL", "TRT"}})
-    EXPECT_EQ(chain_of(expression), chain) << expression;
-  for (const char* expression : {"E.*", "ER.*", "E[RT]+D", "ER+D", "ER?D", "ED*R", "ED?R", "ED|ERD", "", "D", "EL"})
-    EXPECT_EQ(chain_of(expression), std::nullopt) << expression;
-}
-
 TEST(ShotAround, EndsAtCutsAndReach) {
   const FrameRange reach{1, 20};
   EXPECT_EQ(shot_around(10, 5, reach, {}), (FrameRange{5, 15}));
