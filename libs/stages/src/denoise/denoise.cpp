@@ -18,12 +18,14 @@ using denoise::Settings;
 const std::vector<ParamSpec> kParams = {
     {.name = "method",
      .fallback = std::string("nl_means"),
-     .help = "denoiser of single frames: nl_means; oidn (Open Image Denoise); auto, which is oidn where it is installed",
+     .help =
+         "denoiser of single frames: nl_means; oidn (Open Image Denoise); auto, which is oidn where it is installed",
      .choices = {"nl_means", "oidn", "auto"}},
     {.name = "recipe",
      .fallback = std::string("auto"),
-     .help = "what is denoised: single, the mean of all samples; halves, each half of them; components, the same by class "
-             "of light paths; auto goes by the number of samples",
+     .help =
+         "what is denoised: single, the mean of all samples; halves, each half of them; components, the same by class "
+         "of light paths; auto goes by the number of samples",
      .choices = {"auto", "single", "halves", "components"}},
     {"radius", 2, "frames before and after that are averaged along motion; 0: each frame alone", 0, 4},
     {"cuts", std::string(), "first frames of new shots, e.g. 25,61, where motion vectors do not say so"},
@@ -71,8 +73,7 @@ class Denoise final : public Stage {
   std::vector<int> inputs(int /*port*/, int frame, std::span<const SequenceDesc> in) const override {
     // Averages before and after the denoiser, and the frames that it looks at itself.
     const int radius = Available(in[0].layers).motion ? settings_.radius : 0;
-    const FrameRange range =
-        denoise::shot_around(frame, radius > 0 ? 2 * radius + 1 : 0, in[0].reach, settings_.cuts);
+    const FrameRange range = denoise::shot_around(frame, radius > 0 ? 2 * radius + 1 : 0, in[0].reach, settings_.cuts);
     return frames_around(frame, frame - range.first, range.last - frame, in[0]);
   }
 
@@ -159,7 +160,8 @@ const StageEntry denoise_entry{
     .gap_help = "what they show is part of the averages over time (give --radius 0 to denoise each frame alone)",
     .examples = {"tempera denoise out/frame.####.exr -o final/frame.####.exr",
                  "tempera denoise out/ -o final/ --frames 1-24 --resume   (the same bits as all at once)",
-                 "tempera denoise out/ -o final/ --method oidn --oidn /opt/oidn/lib/libOpenImageDenoise.so.2", "tempera denoise still.exr -o clean.exr"},
+                 "tempera denoise out/ -o final/ --method oidn --oidn /opt/oidn/lib/libOpenImageDenoise.so.2",
+                 "tempera denoise still.exr -o clean.exr"},
     .make = [](const Params& p) -> std::unique_ptr<Stage> { return std::make_unique<Denoise>(p); }};
 
 }  // namespace tempera

@@ -16,12 +16,13 @@ namespace tempera::denoise {
 namespace {
 
 constexpr float kLeastReflectance = 0.05f;  ///< below it light is not divided by any less
-constexpr float kEmitterShare = 0.02f;      ///< of the light of a pixel that it emits, from which on it counts as an emitter
-constexpr float kLeastFactor = 0.2f;        ///< the same of clean light, as far as it is averaged over time
-constexpr float kFirefly = 4;               ///< times the brightest of the other half around that a half may be
+constexpr float kEmitterShare =
+    0.02f;                            ///< of the light of a pixel that it emits, from which on it counts as an emitter
+constexpr float kLeastFactor = 0.2f;  ///< the same of clean light, as far as it is averaged over time
+constexpr float kFirefly = 4;         ///< times the brightest of the other half around that a half may be
 constexpr int kVarianceRadius = 3;
-constexpr int kFew = 16, kMany = 32;        ///< samples per pixel, between which recipes change
-constexpr int kTrialTiles = 8;              ///< one tile of so many is tried, in large pictures
+constexpr int kFew = 16, kMany = 32;  ///< samples per pixel, between which recipes change
+constexpr int kTrialTiles = 8;        ///< one tile of so many is tried, in large pictures
 constexpr int kTrialWindow = 5;
 
 /// CPU time of all threads: what a step costs on one core, whatever else the machine does.
@@ -169,15 +170,17 @@ std::shared_ptr<Oidn> choose_method(const Settings& settings) {
   try {
     oidn = std::make_shared<Oidn>(settings.oidn_path);
   } catch (const Error&) {
-    const bool asked = settings.method == Method::kOidn || !settings.oidn_path.empty() || !settings.oidn_version.empty();
+    const bool asked =
+        settings.method == Method::kOidn || !settings.oidn_path.empty() || !settings.oidn_version.empty();
     if (asked) throw;
     return nullptr;
   }
   if (!settings.oidn_version.empty() && settings.oidn_version != oidn->version()) {
-    throw Error(ErrorCode::kUnsupported,
-                fmt::format("Open Image Denoise here is version {}, version {} is asked for: frames of one sequence are "
-                            "denoised by one version",
-                            oidn->version(), settings.oidn_version));
+    throw Error(
+        ErrorCode::kUnsupported,
+        fmt::format("Open Image Denoise here is version {}, version {} is asked for: frames of one sequence are "
+                    "denoised by one version",
+                    oidn->version(), settings.oidn_version));
   }
   return oidn;
 }
@@ -195,7 +198,7 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
   const Metadata metadata = read_metadata(run.path(run.frames().front()));
   if (recipe_ == Recipe::kAuto) {
     const std::optional<int> spp = samples_of(metadata);
-    recipe_ = !available_.halves || spp.value_or(kMany) <= kFew          ? Recipe::kSingle
+    recipe_ = !available_.halves || spp.value_or(kMany) <= kFew        ? Recipe::kSingle
               : !oidn_ && !available_.classes.empty() && *spp >= kMany ? Recipe::kComponents
                                                                        : Recipe::kHalves;
   }
@@ -228,9 +231,7 @@ FrameRange Denoiser::around(int frame, int distance) const {
   return shot_around(frame, radius_ > 0 ? distance : 0, run_.in()[0].reach, settings_.cuts);
 }
 
-void Denoiser::spent(const std::string& step, double start) {
-  seconds_[step] += cpu_seconds() - start;
-}
+void Denoiser::spent(const std::string& step, double start) { seconds_[step] += cpu_seconds() - start; }
 
 const Denoiser::Source& Denoiser::source(int frame) {
   auto it = sources_.find(frame);
@@ -251,8 +252,14 @@ const Denoiser::Denoised& Denoiser::denoised(int frame) {
 void Denoiser::forget_before(int frame) {
   const auto forget = [](auto& frames, int before) { frames.erase(frames.begin(), frames.lower_bound(before)); };
   forget(denoised_, frame - radius_);
-  forget(averaged_, frame - radius_ - 1);
-  forget(sources_, frame - 2 * radius_ - 1);
+  forget(averaged_, frame - radius_);
+  forget(sources_, frame);
+  // Of earlier frames the light alone is asked for again, unless frames around them are still to be denoised.
+  const auto is_settled = [&](int f) { return f < frame - radius_ || denoised_.contains(f); };
+  for (auto& [f, a] : averaged_) {
+    if (f >= frame) break;
+    if (is_settled(f - 1) && is_settled(f) && is_settled(f + 1)) a.tracks.clear(), a.weights.clear(), a.views.clear();
+  }
 }
 
 Denoiser::Source Denoiser::read(int frame) {
@@ -338,7 +345,8 @@ Denoiser::Source Denoiser::read(int frame) {
     });
     const Planes grown = box_mean(around, 1);
     for_values(out.emitter, [&](int, int y, int x, float) { return grown.row(0, y)[x] > 0 ? 1.0f : 0.0f; });
-    for_values(out.views[0].divisor, [&](int, int y, int x, float v) { return out.emitter.row(0, y)[x] > 0 ? 1.0f : v; });
+    for_values(out.views[0].divisor,
+               [&](int, int y, int x, float v) { return out.emitter.row(0, y)[x] > 0 ? 1.0f : v; });
   }
   // What emits and what does not never stand for each other.
   s.id = Planes(width, height, 1);
@@ -407,9 +415,8 @@ void Denoiser::prepare(Light& light, const Planes* divisor, const Planes& color_
 std::array<Planes, 2> Denoiser::held_fireflies(const Light& light, Held& shares) {
   const auto brightness = [](const Planes& in) {
     Planes out(in.width(), in.height(), 1);
-    for_values(out, [&](int, int y, int x, float) {
-      return luminance(in.row(0, y)[x], in.row(1, y)[x], in.row(2, y)[x]);
-    });
+    for_values(out,
+               [&](int, int y, int x, float) { return luminance(in.row(0, y)[x], in.row(1, y)[x], in.row(2, y)[x]); });
     return out;
   };
   const std::array<Planes, 2> half{brightness(light.a), brightness(light.b)};
@@ -735,7 +742,9 @@ void Denoiser::make(int frame, Frame& out) {
     }
     for (std::size_t i = 0; i < sum.size(); ++i) {
       divide(sum[i], total);
-      const Planes* factor = i < kA ? &here.factor[part] : parts_[part].divide ? &source(frame).views[parts_[part].view].divisor : nullptr;
+      const Planes* factor = i < kA                ? &here.factor[part]
+                             : parts_[part].divide ? &source(frame).views[parts_[part].view].divisor
+                                                   : nullptr;
       for_values(sums[i], [&](int c, int y, int x, float v) {
         return v + sum[i].row(c, y)[x] * (factor ? factor->row(c, y)[x] : 1.0f);
       });
@@ -767,8 +776,9 @@ std::vector<std::string> Denoiser::notes() const {
   std::vector<std::string> out{fmt::format("denoised by {}: {}", describe_method(oidn_.get()), how)};
   if (damaged_ > 0) out.push_back(fmt::format("{} values that are not finite count as 0", damaged_));
   if (hold_fireflies_ && held_.all > 0)
-    out.push_back(fmt::format("{:.2g} % of the light was held back, as it outshines the other half of the samples by far",
-                              100 * held_.share()));
+    out.push_back(
+        fmt::format("{:.2g} % of the light was held back, as it outshines the other half of the samples by far",
+                    100 * held_.share()));
   return out;
 }
 

@@ -21,8 +21,8 @@ namespace tempera::denoise {
 /// What is done with the halves of the samples, see docs/denoising.md.
 enum class Recipe {
   kAuto,        ///< by the number of samples and what layers there are
-  kSingle,     ///< they are denoised together; what is alike over time is judged by the noisy pictures
-  kHalves,     ///< each is denoised, and what is alike is judged by the results
+  kSingle,      ///< they are denoised together; what is alike over time is judged by the noisy pictures
+  kHalves,      ///< each is denoised, and what is alike is judged by the results
   kComponents,  ///< the same for each class of paths
 };
 
@@ -81,9 +81,9 @@ class Denoiser {
   };
   /// What is filtered by itself: all light, or the paths of one class.
   struct Part {
-    std::string name;     ///< of the class; "": what is of no class, or all light
-    std::size_t view;     ///< of the surface that sends it on
-    bool divide;          ///< whether that is one which scatters, so that light can be divided by its reflectance
+    std::string name;  ///< of the class; "": what is of no class, or all light
+    std::size_t view;  ///< of the surface that sends it on
+    bool divide;       ///< whether that is one which scatters, so that light can be divided by its reflectance
   };
   /// Surfaces that are seen, the first ones that scatter after chains of mirrors and glass; features of several chains add
   /// up to what reaches the camera.

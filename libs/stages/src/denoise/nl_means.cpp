@@ -33,7 +33,8 @@ class Margin {
         std::fill(to, to + stride_, 0.0f);
         if (source < 0 || source >= in.height()) continue;
         const int first = std::max(left, 0), last = std::min(left + stride_, in.width());
-        if (first < last) std::memcpy(to + (first - left), in.row(c, source) + first, sizeof(float) * std::size_t(last - first));
+        if (first < last)
+          std::memcpy(to + (first - left), in.row(c, source) + first, sizeof(float) * std::size_t(last - first));
       }
     }
   }
@@ -157,7 +158,8 @@ class Tile {
         }
       }
     }
-    for (int side = 0; side < sides; ++side) finish(side == 0 ? p_a : p_b, sums, 5 * side, side == 0 ? result.a : result.b);
+    for (int side = 0; side < sides; ++side)
+      finish(side == 0 ? p_a : p_b, sums, 5 * side, side == 0 ? result.a : result.b);
   }
 
  private:
@@ -194,7 +196,8 @@ class Tile {
           for (int c = channel; c < channel + channels; ++c) {
             const int gx = x0_ + x, gy = y0_ + y;
             const auto at = [&](int i, int j) {
-              return f.row(c, margin_ + std::clamp(j, 0, height_ - 1) - y0_)[margin_ + std::clamp(i, 0, width_ - 1) - x0_];
+              return f.row(c,
+                           margin_ + std::clamp(j, 0, height_ - 1) - y0_)[margin_ + std::clamp(i, 0, width_ - 1) - x0_];
             };
             const float v = at(gx, gy);
             const auto smaller = [&](float before, float after) {
@@ -203,7 +206,8 @@ class Tile {
             gradient += smaller(at(gx - 1, gy), at(gx + 1, gy)) + smaller(at(gx, gy - 1), at(gx, gy + 1));
           }
           gradient /= float(channels);
-          scale(g, y)[x] = 1 / (float(channels) * s_.k_feature * s_.k_feature * std::max(s_.feature_floors[g], gradient));
+          scale(g, y)[x] =
+              1 / (float(channels) * s_.k_feature * s_.k_feature * std::max(s_.feature_floors[g], gradient));
         }
       }
       channel += channels;

@@ -19,14 +19,14 @@ struct NlMeansFrame {
 };
 
 struct NlMeansSettings {
-  int window = 7;                   ///< radius in pixels of what is averaged
-  int window_around = 4;            ///< the same in the frames around
-  int patch = 3;                    ///< radius of the patches that are compared
-  float k = 0.3f;                   ///< strength: how many standard deviations count as like
-  float k_feature = 0.6f;           ///< the same for features
-  float floor = 1e-10f;             ///< squared difference that counts as equal
-  int every = 1;                    ///< only each n-th tile is made, for trials; pixels of the others are 0
-  std::vector<int> feature_groups;  ///< numbers of channels of each feature, whose differences are averaged
+  int window = 7;                     ///< radius in pixels of what is averaged
+  int window_around = 4;              ///< the same in the frames around
+  int patch = 3;                      ///< radius of the patches that are compared
+  float k = 0.3f;                     ///< strength: how many standard deviations count as like
+  float k_feature = 0.6f;             ///< the same for features
+  float floor = 1e-10f;               ///< squared difference that counts as equal
+  int every = 1;                      ///< only each n-th tile is made, for trials; pixels of the others are 0
+  std::vector<int> feature_groups;    ///< numbers of channels of each feature, whose differences are averaged
   std::vector<float> feature_floors;  ///< squared difference of each feature that counts as none
 };
 

@@ -69,7 +69,8 @@ struct Oidn::Library {
     const int number = get_device_int(device, "version");
     version = fmt::format("{}.{}.{}", number / 10000, number / 100 % 100, number % 100);
     if (number / 10000 != 2) {
-      throw Error(ErrorCode::kUnsupported, fmt::format("{} is Open Image Denoise {}; version 2 is needed", path, version));
+      throw Error(ErrorCode::kUnsupported,
+                  fmt::format("{} is Open Image Denoise {}; version 2 is needed", path, version));
     }
   }
 
@@ -103,8 +104,8 @@ struct Oidn::Library {
     for (const std::string& name : names) p.images[name] = Image(width, height, 3);
     p.images["output"] = Image(width, height, 3);
     for (auto& [name, image] : p.images) {
-      set_image(p.handle, name.c_str(), image.values().data(), kFormatFloat3, std::size_t(width), std::size_t(height), 0,
-                0, 0);
+      set_image(p.handle, name.c_str(), image.values().data(), kFormatFloat3, std::size_t(width), std::size_t(height),
+                0, 0, 0);
     }
     const bool color = names.front() == "color";
     if (color) set_bool(p.handle, "hdr", true);

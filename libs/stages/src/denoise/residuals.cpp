@@ -9,9 +9,9 @@ namespace tempera::denoise {
 
 namespace {
 
-constexpr int kBands = 4;                ///< and what is left below them
-constexpr float kDark = 0.02f;           ///< added to the luminance by which residuals are divided, of the mean
-constexpr int kRadius = 3, kMost = 24;   ///< of the averages of products, at the finest band, and at most
+constexpr int kBands = 4;               ///< and what is left below them
+constexpr float kDark = 0.02f;          ///< added to the luminance by which residuals are divided, of the mean
+constexpr int kRadius = 3, kMost = 24;  ///< of the averages of products, at the finest band, and at most
 
 int mirrored(int i, int n) {
   if (n == 1) return 0;

@@ -35,10 +35,10 @@ Planes gather_smooth(const Planes& in, const Track& track);
 
 /// What weights of an average over time depend on.
 struct Likeness {
-  float k = 0.45f;            ///< how many standard deviations count as like
-  int radius = 3;             ///< of the patches that are compared
-  float relative = 0;         ///< part of the mean's square that counts as equal
-  float floor = 1e-8f;        ///< squared difference that counts as equal
+  float k = 0.45f;      ///< how many standard deviations count as like
+  int radius = 3;       ///< of the patches that are compared
+  float relative = 0;   ///< part of the mean's square that counts as equal
+  float floor = 1e-8f;  ///< squared difference that counts as equal
 };
 
 /// Weights in [0, 1] of the values `there`, with variance `there_variance`, that belong to the pixels of `here`. Both

@@ -88,12 +88,13 @@ class Denoise : public testing::Test {
       }
     }
     if (s.halves) frame.add(layers::color_a(), halves[0]), frame.add(layers::color_b(), halves[1]);
-    if (s.features) frame.add(layers::albedo(), albedo), frame.add(layers::normal(), normal), frame.add(layers::object_id(), id);
+    if (s.features)
+      frame.add(layers::albedo(), albedo), frame.add(layers::normal(), normal), frame.add(layers::object_id(), id);
     if (s.motion) frame.add(layers::motion_forward(), vectors[0]), frame.add(layers::motion_backward(), vectors[1]);
     if (s.classes) {  // half of the light is of one class, a quarter of another
       for (const auto& [name, share] : {std::pair{"direct", 0.5f}, {"mirrored", 0.25f}, {"residual", 0.25f}}) {
-        for (const auto& [layer, image] : {std::pair{layers::color(), &color}, {layers::color_a(), &halves[0]},
-                                           {layers::color_b(), &halves[1]}}) {
+        for (const auto& [layer, image] :
+             {std::pair{layers::color(), &color}, {layers::color_a(), &halves[0]}, {layers::color_b(), &halves[1]}}) {
           Image part(kWidth, kHeight, 3);
           for (int y = 0; y < kHeight; ++y) {
             for (int x = 0; x < kWidth; ++x) part.set_rgb(x, y, image->rgb(x, y) * share);
@@ -184,15 +185,15 @@ TEST_F(Denoise, FramesAroundHelpAndWithoutThemEachIsAlone) {
 
 TEST_F(Denoise, SameBitsForAnyThreadsAndChunks) {
   for (const bool classes : {false, true}) {
-    const Shot shot{.last = 14, .classes = classes};
+    const Shot shot{.last = 10, .classes = classes};
     const std::string name = classes ? "classes_" : "whole_";
     const FrameSequence in = write(name + "in", shot);
     with_threads(1, [&] { run(in, name + "one"); });
     with_threads(3, [&] {
-      for (const std::vector<int>& frames : {std::vector{1, 2, 3}, {7}, {4, 12, 13}})
+      for (const std::vector<int>& frames : {std::vector{1, 2, 3}, {7}, {1, 4, 9}})
         run(in, name + "part", {}, {.sections = {{.frames = frames}}});
     });
-    for (const int f : {1, 2, 3, 4, 7, 12, 13}) expect_same(name + "one", name + "part", f);
+    for (const int f : {1, 2, 3, 4, 7, 9}) expect_same(name + "one", name + "part", f);
   }
 }
 
@@ -363,7 +364,8 @@ TEST_F(DenoiseOidn, FramesOfOneSequenceAreMadeAlike) {
   const auto refused = [&](const StageOptions& options) {
     return error_of([&] { run(in, "out", chosen, options); }, ErrorCode::kBadInput);
   };
-  EXPECT_NE(refused({.sections = {{.frames = {3, 4}}}}).find("by oidn 2.3.4, here it would be nl_means"), std::string::npos);
+  EXPECT_NE(refused({.sections = {{.frames = {3, 4}}}}).find("by oidn 2.3.4, here it would be nl_means"),
+            std::string::npos);
   refused({.resume = true});
   EXPECT_EQ(run(in, "out", chosen).frames.size(), 4u) << "all of them anew";
 }

@@ -16,7 +16,8 @@ namespace {
 /// Normal deviate of a pixel.
 float deviate(std::uint64_t seed, int x, int y, int c) {
   const auto uniform = [&](std::uint64_t k) {
-    const std::uint64_t h = hash_key(hash_key(hash_key(seed * 7 + k, std::uint64_t(x)), std::uint64_t(y)), std::uint64_t(c));
+    const std::uint64_t h =
+        hash_key(hash_key(hash_key(seed * 7 + k, std::uint64_t(x)), std::uint64_t(y)), std::uint64_t(c));
     return (double(h >> 11) + 0.5) / double(1ull << 53);
   };
   return float(std::sqrt(-2 * std::log(uniform(1))) * std::cos(6.283185307179586 * uniform(2)));
@@ -47,7 +48,8 @@ TEST(DenoisePlanes, BoxMeanIsThatOfThePixelsThatAreThere) {
       double sum = 0;
       int count = 0;
       for (int j = std::max(y - radius, 0); j <= std::min(y + radius, 40); ++j) {
-        for (int i = std::max(x - radius, 0); i <= std::min(x + radius, 36); ++i, ++count) sum += double(in.row(1, j)[i]);
+        for (int i = std::max(x - radius, 0); i <= std::min(x + radius, 36); ++i, ++count)
+          sum += double(in.row(1, j)[i]);
       }
       EXPECT_NEAR(out.row(1, y)[x], sum / count, 1e-6) << radius << ' ' << x << ' ' << y;
     }
@@ -108,10 +110,12 @@ TEST(NlMeans, FeaturesKeepApartWhatLooksAlike) {
   const Planes truth = picture(60, 40, 3, [&](int x, int y, int) { return step(x, y); });
   const Planes feature = picture(60, 40, 1, [](int x, int, int) { return x < 30 ? 0.0f : 1.0f; });
   NlMeansSettings settings;
-  const NlMeansFrame without{&n.a, &n.b, &n.variance, nullptr, nullptr}, with{&n.a, &n.b, &n.variance, nullptr, &feature};
+  const NlMeansFrame without{&n.a, &n.b, &n.variance, nullptr, nullptr},
+      with{&n.a, &n.b, &n.variance, nullptr, &feature};
   const auto gap = [&](const NlMeansResult& r) {
     double sum = 0;
-    for (int y = 5; y < 35; ++y) sum += double(r.a.row(0, y)[30] + r.b.row(0, y)[30] - r.a.row(0, y)[29] - r.b.row(0, y)[29]);
+    for (int y = 5; y < 35; ++y)
+      sum += double(r.a.row(0, y)[30] + r.b.row(0, y)[30] - r.a.row(0, y)[29] - r.b.row(0, y)[29]);
     return sum / 60;
   };
   const double blurred = gap(nl_means(std::span(&without, 1), settings));

@@ -62,7 +62,9 @@ void oidnExecuteFilter(Filter* f) {
     f->device->error = "unsupported combination of images";
     return;
   }
-  const Image in = color ? f->images["color"] : f->images.contains("albedo") ? f->images["albedo"] : f->images["normal"];
+  const Image in = color                          ? f->images["color"]
+                   : f->images.contains("albedo") ? f->images["albedo"]
+                                                  : f->images["normal"];
   const Image out = f->images["output"];
   const int width = int(in.width), height = int(in.height);
   for (int y = 0; y < height; ++y) {
@@ -71,7 +73,8 @@ void oidnExecuteFilter(Filter* f) {
         float sum = 0;
         int count = 0;
         for (int j = std::max(y - 1, 0); j <= std::min(y + 1, height - 1); ++j) {
-          for (int i = std::max(x - 1, 0); i <= std::min(x + 1, width - 1); ++i, ++count) sum += in.data[(j * width + i) * 3 + c];
+          for (int i = std::max(x - 1, 0); i <= std::min(x + 1, width - 1); ++i, ++count)
+            sum += in.data[(j * width + i) * 3 + c];
         }
         out.data[(y * width + x) * 3 + c] = sum / float(count);
       }
