@@ -271,6 +271,23 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
   }
 }
 
+/// Asks the integrator for what the first stage that the shot names can make use of, as far as it writes that.
+void add_layers_for(const StageChoice& stage, Shot& shot, std::vector<LayerDesc>& layers) {
+  const RenderSettings& s = shot.settings;
+  const SequenceDesc rendered{shot.sequence, shot.sequence, {}, s.x1() - s.x0(), s.y1() - s.y0(), layers};
+  for (const LayerUse& use : stage.entry->make(stage.params)->reads(0, std::span(&rendered, 1))) {
+    if (rendered.has(use.layer)) continue;
+    RenderSettings more = shot.settings;
+    more.layers.push_back(use.layer.name);
+    try {
+      layers = rendered_layers(shot.integrator, shot.params, more);
+      shot.settings = std::move(more);
+    } catch (const SettingError&) {
+      continue;  // the stage says what it misses
+    }
+  }
+}
+
 void settle_classes(const ShotConfig& config, RenderSettings& s) {
   auto classes = config.table("classes"), parts = config.table("decompose");
   if (const auto tree = parts.find({"tree"}); tree != parts.end() && tree->second.is_text) {
@@ -635,6 +652,7 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
     throw Error(e.code(), config.loc(config.find(e.key()) ? e.key() : "integrator.name"), e.message());
   }
   settle_stages(config, layers, shot);
+  if (config.find("stages") && !shot.stages.empty()) add_layers_for(shot.stages[0].choice, shot, layers);
   const bool exact = std::any_of(layers.begin(), layers.end(),
                                  [](const LayerDesc& d) { return d.role == LayerRole::kReconstruction; });
   if (shot.write.half && exact) {

@@ -33,7 +33,8 @@ std::vector<ShotKey> own_keys() {
       {{"motion_segments", "auto", "segments of a frame between which motion is interpolated, 1 to 1024; auto: as many as the motion needs, one number for the whole shot"}, "", "N", "", true},
       {{"cuts", "", "first frames after cuts: motion ends there, and nothing looks across; jumps of the camera are found without it"}, "", "FRAMES", "", true},
 
-      {{"stages", "", "what follows the render, in this order; `tempera list stages` names them, and each has a table; []: nothing"}, "", "A,B", "", true},
+      {{"stages", "", "what follows the render, in this order; `tempera list stages` names them, and each has a table; []: nothing. The integrator is "
+       "asked for the layers that the first one named here can use"}, "", "A,B", "", true},
       {{"halo", -1, "frames at most that are made around those asked for, on either side, where stages look at several; beyond them the shot is "
         "taken to end; -1: as many as the stages look at", -1, 1e9}, "", "N"},
 

@@ -95,6 +95,23 @@ TEST(RunPlan, StagesAreThoseThatTheShotNames) {
   EXPECT_TRUE(plan(kTemporal, {"stages="}).stages.empty());
 }
 
+// A named stage gets what it can use of what the integrator writes; a render that is asked for less stays as it is.
+TEST(RunPlan, RendersWhatTheFirstStageCanUse) {
+  const auto layers = [](const RunPlan& p) { return p.render.settings.layers; };
+  const auto asks = [&](const RunPlan& p, const char* layer) {
+    const std::vector<std::string> all = layers(p);
+    return std::count(all.begin(), all.end(), layer);
+  };
+  const RunPlan denoised = plan("stages = [\"denoise\"]\n[output]\nlayers = [\"albedo\"]\n");
+  for (const char* layer : {"color.a", "color.b", "albedo", "normal", "emission", "object_id", "motion.forward"})
+    EXPECT_EQ(asks(denoised, layer), 1) << layer;
+  EXPECT_EQ(asks(plan("[output]\nlayers = [\"albedo\"]\n"), "color.a"), 0);
+  const RunPlan traced = plan("stages = [\"denoise\"]\n[integrator]\nname = \"light_path\"\n");
+  EXPECT_EQ(asks(traced, "color.a"), 0) << "it has no halves";
+  EXPECT_EQ(asks(traced, "albedo"), 1);
+  EXPECT_EQ(layers(plan(kTemporal)), layers(plan("stages = []\n" + kTemporal)));
+}
+
 TEST(RunPlan, MoviesShowWhatStagesWrite) {
   EXPECT_NO_THROW(plan(kTemporal + "[video]\nlayer = \"color.rare\"\n"));
   EXPECT_THROW(plan(kTemporal + "[video]\nlayer = \"color.rare\"\n[reconstruct]\nparts = \"no\"\n"), Error);

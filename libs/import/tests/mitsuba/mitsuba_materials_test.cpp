@@ -50,7 +50,8 @@ TEST(MitsubaMaterials, OurOwnTypesByTheirNames) {
   p.tints_once = true;
   p.transmission = 0.4f;
   EXPECT_TRUE(SameScattering(
-      *imported(R"(<bsdf type="metallic_roughness"><rgb name="base_color" value="0.9 0.4 0.2"/><float name="roughness" value="0.3"/>
+      *imported(
+          R"(<bsdf type="metallic_roughness"><rgb name="base_color" value="0.9 0.4 0.2"/><float name="roughness" value="0.3"/>
     <float name="metallic" value="0.5"/><float name="clearcoat" value="0.7"/><float name="ior" value="1.7"/><float name="transmission" value="0.4"/>
     <boolean name="thin_walled" value="false"/><string name="solid_tint" value="once"/></bsdf>)"),
       *make_metallic_roughness(p)));
