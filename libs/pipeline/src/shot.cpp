@@ -275,7 +275,13 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
 void add_layers_for(const StageChoice& stage, Shot& shot, std::vector<LayerDesc>& layers) {
   const RenderSettings& s = shot.settings;
   const SequenceDesc rendered{shot.sequence, shot.sequence, {}, s.x1() - s.x0(), s.y1() - s.y0(), layers};
-  for (const LayerUse& use : stage.entry->make(stage.params)->reads(0, std::span(&rendered, 1))) {
+  std::vector<LayerUse> uses;
+  try {
+    uses = stage.entry->make(stage.params)->reads(0, std::span(&rendered, 1));
+  } catch (const Error&) {
+    return;  // who plans the stages says it, and where
+  }
+  for (const LayerUse& use : uses) {
     if (rendered.has(use.layer)) continue;
     RenderSettings more = shot.settings;
     more.layers.push_back(use.layer.name);
