@@ -85,7 +85,7 @@ TEST(Cli, UnknownCommandsFlagsAndArgumentsAreNamed) {
     const char* says;
   };
   for (const Case& c : {
-           Case{{"denoise", "x.exr"}, "unknown command \"denoise\" of tempera; known: "},
+           Case{{"upscale", "x.exr"}, "unknown command \"upscale\" of tempera; known: "},
            Case{{"rendr", "x.xml"}, "unknown command \"rendr\" of tempera; known: render, "},
            Case{{"-q", "vidoe"}, "unknown command \"vidoe\" of tempera; known: video, "},
            Case{{"gallery", "rnu", "x"}, "unknown command \"rnu\" of tempera gallery; known: run, "},
