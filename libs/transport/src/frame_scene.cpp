@@ -22,22 +22,18 @@ FrameScene::FrameScene(const Scene& scene, const RenderSettings& settings, const
                        int frame, double motion_step, GeometryCache& cache)
     : camera_(scene, settings.camera, settings.width, settings.height, evaluation_span(settings.clock, frame),
               motion_step),
+      timeline_(
+          scene, exposure_pieces(scene, settings.clock.exposure(frame), motion_step),
+          [&](const TimeSpan&) { return evaluation_span(settings.clock, frame); }, motion_step, cache),
       cache_(cache),
       motion_step_(motion_step) {
-  const TimeSpan evaluation = evaluation_span(settings.clock, frame);
-  for (const TimeSpan span : exposure_pieces(scene, settings.clock.exposure(frame), motion_step)) {
-    const Piece& piece = pieces_.emplace_back(scene, span, evaluation, motion_step, cache);
+  for (const SceneTimeline::Piece& piece : timeline_.pieces())
     contexts_.push_back({scene, piece.rays, piece.lights, camera_, classifier, settings, frame});
-  }
   context_.emplace(contexts_[0]);
   if (contexts_.size() > 1) context_->pieces = contexts_;
 }
 
-std::uint64_t FrameScene::memory() const {
-  std::uint64_t largest = 0;  // each counts the cache, and they are alike
-  for (const Piece& p : pieces_) largest = std::max(largest, p.rays.memory());
-  return largest;
-}
+std::uint64_t FrameScene::memory() const { return timeline_.memory(); }
 
 PrecedingFrame::PrecedingFrame(const FrameScene& now)
     : rays_(now.contexts_[0].scene, middle(now.contexts_[0].settings.clock, now.contexts_[0].frame - 1),

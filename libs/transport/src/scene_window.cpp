@@ -34,6 +34,22 @@ const FrameContext& SceneWindow::middle_of_frame_before(int frame) const {
   return built->context();
 }
 
+const SceneTimeline& SceneWindow::timeline() const {
+  const std::scoped_lock lock(mutex_);
+  if (!timeline_) {
+    const FrameClock& clock = settings_.clock;
+    const double frame = clock.frame_duration();
+    const TimeSpan span{clock.exposure(section_.first).begin, clock.exposure(section_.last).end};
+    timeline_ = std::make_unique<SceneTimeline>(
+        scene_, timeline_pieces(scene_, span, motion_step_),
+        [&](const TimeSpan& piece) {
+          return TimeSpan{piece.begin - frame, piece.end + frame};
+        },
+        motion_step_, cache_);
+  }
+  return *timeline_;
+}
+
 std::uint64_t SceneWindow::memory() const {
   const std::scoped_lock lock(mutex_);
   std::uint64_t largest = 0;  // each counts the cache, and they are alike

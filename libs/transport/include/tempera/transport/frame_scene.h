@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // How the context of a frame is made of a scene: the one place where it is.
-#include <deque>
 #include <optional>
 #include <vector>
 
 #include "tempera/transport/frame_context.h"
+#include "tempera/transport/scene_timeline.h"
 
 namespace tempera {
 
@@ -27,18 +27,12 @@ class FrameScene {
   const FrameContext& context() const { return *context_; }
   /// Bytes held by Embree and by vertex buffers, the cache's included.
   std::uint64_t memory() const;
-  std::size_t piece_count() const { return pieces_.size(); }
+  std::size_t piece_count() const { return timeline_.pieces().size(); }
 
  private:
   friend class PrecedingFrame;
-  struct Piece {
-    Piece(const Scene& scene, TimeSpan span, TimeSpan evaluation, double motion_step, GeometryCache& cache)
-        : rays(scene, span, evaluation, {.motion_step = motion_step}, cache), lights(scene, rays) {}
-    RayScene rays;
-    LightSampler lights;
-  };
   CameraModel camera_;
-  std::deque<Piece> pieces_;             // they stay where they are
+  SceneTimeline timeline_;               // of the exposure
   std::vector<FrameContext> contexts_;   // of the pieces
   std::optional<FrameContext> context_;  // of the whole exposure
   GeometryCache& cache_;

@@ -31,6 +31,10 @@ class SceneWindow {
   const FrameContext& frame(int frame) const;
   /// The frame before `frame`, whose rays serve the middle of its exposure only: cheaper, and enough to see what moved.
   const FrameContext& middle_of_frame_before(int frame) const;
+  /// What is there at any time from the first frame's exposure to the end of the last one's, gaps between shutters
+  /// included; points of a piece can be evaluated a frame before and after it. Built when it is first asked for: ask
+  /// once, as `frame` does it takes a lock. Errors: those of RayScene.
+  const SceneTimeline& timeline() const;
   /// Bytes held by Embree and by vertex buffers, and pieces between jumps of the frames that were asked for.
   std::uint64_t memory() const;
   std::size_t piece_count() const;
@@ -48,6 +52,7 @@ class SceneWindow {
   mutable std::mutex mutex_;
   mutable std::map<int, std::unique_ptr<FrameScene>> frames_;
   mutable std::map<int, std::unique_ptr<PrecedingFrame>> preceding_;
+  mutable std::unique_ptr<SceneTimeline> timeline_;
 };
 
 }  // namespace tempera
