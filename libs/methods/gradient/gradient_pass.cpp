@@ -146,6 +146,16 @@ GradientTile::GradientTile(const FrameContext& context, const Tile& tile, const 
 
 void GradientTile::sample(const FrameContext& context, const GradientOptions& options, int x, int y,
                           const PixelKey& key, int first, int count, RenderCounters& counters) {
+  if (class_count_ > 0) {
+    sample_pixel<true>(context, options, x, y, key, first, count, counters);
+  } else {
+    sample_pixel<false>(context, options, x, y, key, first, count, counters);
+  }
+}
+
+template <bool kByClass>
+void GradientTile::sample_pixel(const FrameContext& context, const GradientOptions& options, int x, int y,
+                                const PixelKey& key, int first, int count, RenderCounters& counters) {
   Pixel& p = pixels_[std::size_t(y - tile_.y0) * std::size_t(tile_.x1 - tile_.x0) + std::size_t(x - tile_.x0)];
   const std::array<bool, 4> neighbours = inside(settings_, x, y);
   std::uint64_t rays = 0, shadow_rays = 0;
@@ -155,7 +165,7 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
     const Vec3f axis = film_.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
     const FrameContext& now = context.at(camera.time);
     std::fill(classes.begin(), classes.end(), Rgb(0.0f));
-    ShiftObserver shifts(now, options.path, options.roughness_threshold, camera, neighbours, classes);
+    ShiftObserver<kByClass> shifts(now, options.path, options.roughness_threshold, camera, neighbours, classes);
     const SampleResult r =
         trace_path(now, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts, film_.chains());
     rays += r.rays + shifts.rays();
@@ -184,8 +194,9 @@ void GradientTile::sample(const FrameContext& context, const GradientOptions& op
   counters.shadow_rays += shadow_rays;
 }
 
-void GradientTile::add_rare(RarePixel& pixel, const SampleResult& sample, const ShiftObserver& shifts, float weight,
-                            bool even) const {
+template <bool kByClass>
+void GradientTile::add_rare(RarePixel& pixel, const SampleResult& sample, const ShiftObserver<kByClass>& shifts,
+                            float weight, bool even) const {
   SampleParts common{sample.radiance * weight};
   for (std::size_t j = 0; j < 4; ++j) common[j + 1] = shifts.g(j) * weight;
   RareLight& light = pixel.estimates[two_estimates_ && !even ? 1 : 0];
@@ -282,8 +293,8 @@ void join_gradients(const std::string& pass, Frame& out) {
 Rgb replay_gradients(const FrameContext& context, const GradientOptions& options, const BadSample& sample) {
   const CameraSample camera = camera_sample(context, sample.numbers, sample.x, sample.y, sample.sample);
   const FrameContext& now = context.at(camera.time);
-  ShiftObserver shifts(now, options.path, options.roughness_threshold, camera,
-                       inside(context.settings, sample.x, sample.y));
+  ShiftObserver<false> shifts(now, options.path, options.roughness_threshold, camera,
+                              inside(context.settings, sample.x, sample.y));
   const Rgb radiance = trace_path(now, options.path, camera, {}, {}, Features::kNone, shifts).radiance * camera.weight;
   for (std::size_t j = 0; j < 4 && is_finite(radiance); ++j) {
     if (!is_finite(shifts.g(j))) return shifts.g(j);

@@ -13,6 +13,7 @@
 
 namespace tempera {
 
+template <bool kByClass>
 class ShiftObserver;
 
 struct GradientOptions {
@@ -63,7 +64,11 @@ class GradientTile {
     std::array<Rgb, 4> sums, even_sums, squares;  ///< of the contributions to the four differences
     int count = 0, even_count = 0;
   };
-  void add_rare(RarePixel& pixel, const SampleResult& sample, const ShiftObserver& shifts, float weight,
+  template <bool kByClass>
+  void sample_pixel(const FrameContext& context, const GradientOptions& options, int x, int y, const PixelKey& key,
+                    int first, int count, RenderCounters& counters);
+  template <bool kByClass>
+  void add_rare(RarePixel& pixel, const SampleResult& sample, const ShiftObserver<kByClass>& shifts, float weight,
                 bool even) const;
 
   const RenderSettings& settings_;

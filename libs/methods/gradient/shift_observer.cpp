@@ -5,12 +5,13 @@
 
 namespace tempera {
 
-void ShiftObserver::start(const Vertex* first, const Rgb& emitted) {
+template <bool kByClass>
+void ShiftObserver<kByClass>::start(const Vertex* first, const Rgb& emitted) {
   if (first) beta_ = absorption(*first, length(first->s.p - camera_.ray.o));
   CameraSample camera = camera_;
   for (std::size_t j = 0; j < 4; ++j) {
-    OffsetPath& o = offsets_[j];
-    if (o.state == OffsetPath::kOutside) continue;
+    Offset& o = offsets_[j];
+    if (o.state == Offset::kOutside) continue;
     camera.film = camera_.film + kNeighbours[j];
     camera.ray = context_.camera.ray(camera.film, camera.lens, camera.time);
     Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, camera.time};
@@ -29,16 +30,17 @@ void ShiftObserver::start(const Vertex* first, const Rgb& emitted) {
     }
     // What the camera sees directly is a path of one edge, and every such path shifts to every other.
     o.g += (offset_emitted - beta_ * emitted) * 0.5f;
-    if (by_class_) add_to_classes(o, Rgb(1.0f), offset_emitted, beta_ * emitted, 0.5f);
+    if constexpr (kByClass) add_to_classes(o, Rgb(1.0f), offset_emitted, beta_ * emitted, 0.5f);
     if (!first || end != EdgeEnd::kSurface) {
-      o.state = OffsetPath::kDead;
+      o.state = Offset::kDead;
     } else {
       o.vertex.make_bsdf();
     }
   }
 }
 
-void ShiftObserver::next_event(const Vertex& at, const LightSample& light, const BsdfEval& f, float visible) {
+template <bool kByClass>
+void ShiftObserver<kByClass>::next_event(const Vertex& at, const LightSample& light, const BsdfEval& f, float visible) {
   const float pl2 = sqr(light.pdf);
   if (!(pl2 > 0)) return;
   const Rgb f_sum = f.sum();
@@ -51,38 +53,40 @@ void ShiftObserver::next_event(const Vertex& at, const LightSample& light, const
   const bool base_connects = connects(at, false);
   Vec3f light_position, light_normal;
   if (light.point &&
-      std::any_of(offsets_.begin(), offsets_.end(), [](const OffsetPath& o) { return o.state == OffsetPath::kFree; }))
+      std::any_of(offsets_.begin(), offsets_.end(), [](const Offset& o) { return o.state == Offset::kFree; }))
     light_position = context_.rays.position(*light.point, camera_.time, &light_normal);
-  for (OffsetPath& o : offsets_) {
+  for (Offset& o : offsets_) {
     Rgb offset;
-    BsdfEval f_offset;
-    float others = 0;  // squared densities of the offset's own ways to sample the pair, over pl2
+    [[maybe_unused]] BsdfEval f_classes;  // of the offset path
+    float others = 0;                     // squared densities of the offset's own ways to sample the pair, over pl2
     switch (o.state) {
-      case OffsetPath::kOutside:
+      case Offset::kOutside:
         continue;
-      case OffsetPath::kDead:
+      case Offset::kDead:
         break;
-      case OffsetPath::kJoined:
-        f_offset = f;
+      case Offset::kJoined:
+        if constexpr (kByClass) f_classes = f;
         offset = o.beta * f_sum * le;
         others = sqr(o.rho) * (pl2 + pb2);
         break;
-      case OffsetPath::kFresh: {
+      case Offset::kFresh: {
         if (!samples_lights(o.vertex.bsdf)) break;
-        f_offset = o.vertex.bsdf.eval(o.vertex.s.wo, light.wi);
+        const BsdfEval f_offset = o.vertex.bsdf.eval(o.vertex.s.wo, light.wi);
+        if constexpr (kByClass) f_classes = f_offset;
         const Rgb value = f_offset.sum();
         offset = o.beta * value * le;
         others = sqr(o.rho) * (pl2 + density(value, f_offset.pdf, visible));
         break;
       }
-      case OffsetPath::kFree: {
+      case Offset::kFree: {
         // Where the base path copies half vectors its BSDF samples alone are compared.
         if (!light.delta && !(base_connects && connects(o.vertex, false))) continue;
         if (!samples_lights(o.vertex.bsdf)) break;
         const ShadingPoint& s = o.vertex.s;
         const auto there = context_.lights.connect(light, s.p, camera_.time);
         if (!there) break;
-        f_offset = o.vertex.bsdf.eval(s.wo, there->wi);
+        const BsdfEval f_offset = o.vertex.bsdf.eval(s.wo, there->wi);
+        if constexpr (kByClass) f_classes = f_offset;
         const Rgb value = f_offset.sum();
         float v = 0;  // never asked for where nothing is carried
         if (!is_black(value)) {
@@ -98,33 +102,41 @@ void ShiftObserver::next_event(const Vertex& at, const LightSample& light, const
     }
     const float weight = pl2 / (pl2 + pb2 + others);
     o.g += (offset - base) * weight;
-    if (by_class_) add_to_classes(o, offset, f_offset, base, f, weight);
+    if constexpr (kByClass) add_to_classes(o, offset, f_classes, base, f, weight);
   }
 }
 
-void ShiftObserver::add_to_classes(OffsetPath& o, const Rgb& beta, const Rgb& radiance, const Rgb& base,
-                                   float weight) const {
-  o.states.add_to(context_.classifier, beta * radiance * weight, o.classes);
-  states_.add_to(context_.classifier, base * -weight, o.classes);
+template <bool kByClass>
+void ShiftObserver<kByClass>::add_to_classes(Offset& o, const Rgb& beta, const Rgb& radiance, const Rgb& base,
+                                             float weight) const {
+  if constexpr (kByClass) {
+    o.by_class.states.add_to(context_.classifier, beta * radiance * weight, o.by_class.classes);
+    by_class_.states.add_to(context_.classifier, base * -weight, o.by_class.classes);
+  }
 }
 
-void ShiftObserver::add_to_classes(OffsetPath& o, const Rgb& offset, const BsdfEval& f_offset, const Rgb& base,
-                                   const BsdfEval& f, float weight) const {
-  o.states.add_to(context_.classifier, offset * weight, f_offset.f_cos, o.classes);
-  states_.add_to(context_.classifier, base * -weight, f.f_cos, o.classes);
+template <bool kByClass>
+void ShiftObserver<kByClass>::add_to_classes(Offset& o, const Rgb& offset, const BsdfEval& f_offset, const Rgb& base,
+                                             const BsdfEval& f, float weight) const {
+  if constexpr (kByClass) {
+    o.by_class.states.add_to(context_.classifier, offset * weight, f_offset.f_cos, o.by_class.classes);
+    by_class_.states.add_to(context_.classifier, base * -weight, f.f_cos, o.by_class.classes);
+  }
 }
 
-void ShiftObserver::scatter(const Extension& e, const BsdfEval& f_by_event, float pdf, float jacobian, float eta,
-                            OffsetPath& o) const {
+template <bool kByClass>
+void ShiftObserver<kByClass>::scatter(const Extension& e, const BsdfEval& f_by_event, float pdf, float jacobian,
+                                      float eta, Offset& o) const {
   const Rgb f = f_by_event.sum();
-  if (by_class_) o.states.scatter(context_.classifier, f_by_event.f_cos);
+  if constexpr (kByClass) o.by_class.states.scatter(context_.classifier, f_by_event.f_cos);
   o.beta *= f * (jacobian / (e.sample.pdf * e.survival));
   o.rho *= jacobian * pdf / e.sample.pdf;
   o.roulette *= max_component(f) / pdf;
   o.eta2 *= eta * eta;
 }
 
-void ShiftObserver::extend(const Extension& e) {
+template <bool kByClass>
+void ShiftObserver<kByClass>::extend(const Extension& e) {
   if (connects(e.from, e.sample.delta)) {
     connected_ = true;
   } else if (connected_ && !rare_) {
@@ -133,25 +145,25 @@ void ShiftObserver::extend(const Extension& e) {
     for (std::size_t j = 0; j < 4; ++j) common_g_[j] = offsets_[j].g;
   }
   beta_ *= e.step;
-  if (by_class_) states_.scatter(context_.classifier, e.sample.f_cos);
+  if constexpr (kByClass) by_class_.states.scatter(context_.classifier, e.sample.f_cos);
   if (e.to) beta_ *= absorption(*e.to, length(e.to->s.p - e.from.s.p));
   const Rgb base = beta_ * e.emitted;
   const float base_weight = 1 + sqr(e.light_pdf / e.sample.pdf);  // (pB^2 + pL^2) / pB^2
-  for (OffsetPath& o : offsets_) {
-    if (o.state == OffsetPath::kOutside) continue;
-    if (o.state == OffsetPath::kDead) {
+  for (Offset& o : offsets_) {
+    if (o.state == Offset::kOutside) continue;
+    if (o.state == Offset::kDead) {
       o.g -= base * (1 / base_weight);
-      if (by_class_) add_to_classes(o, {}, {}, base, 1 / base_weight);
+      if constexpr (kByClass) add_to_classes(o, {}, {}, base, 1 / base_weight);
       continue;
     }
-    if (o.state != OffsetPath::kFree) {
+    if (o.state != Offset::kFree) {
       extend_shared(e, base, base_weight, o);
     } else if (connects(e.from, e.sample.delta) && connects(o.vertex, false) && connects_to(e.to)) {
       reconnect(e, base, base_weight, o);
     } else {
       copy_half_vector(e, base, o);
     }
-    if (o.state != OffsetPath::kDead && e.roulette) {
+    if (o.state != Offset::kDead && e.roulette) {
       // Each of the two paths survives with its own probability.
       const float q = std::min(o.roulette * o.eta2, kMaxContinue);
       o.rho *= q / e.survival;
@@ -161,13 +173,14 @@ void ShiftObserver::extend(const Extension& e) {
 }
 
 /// The offset path shares the vertex from which the base path goes on.
-void ShiftObserver::extend_shared(const Extension& e, const Rgb& base, float base_weight, OffsetPath& o) const {
+template <bool kByClass>
+void ShiftObserver<kByClass>::extend_shared(const Extension& e, const Rgb& base, float base_weight, Offset& o) const {
   const float pb = e.sample.pdf, pl = e.light_pdf;
   const Rgb arriving = e.to ? absorption(*e.to, length(e.to->s.p - e.from.s.p)) : Rgb(1.0f);
   const float eta = e.sample.transmitted ? e.sample.eta : 1.0f;
   BsdfEval f = e.sample;
   float pdf = pb, others = 0;
-  if (o.state == OffsetPath::kJoined) {
+  if (o.state == Offset::kJoined) {
     others = sqr(o.rho) * base_weight;
   } else {
     f = e.sample.delta ? BsdfEval{} : o.vertex.bsdf.eval(o.vertex.s.wo, e.sample.wi);
@@ -176,19 +189,20 @@ void ShiftObserver::extend_shared(const Extension& e, const Rgb& base, float bas
   }
   if (!(pdf > 0)) {
     o.g -= base * (1 / (base_weight + others));
-    if (by_class_) add_to_classes(o, {}, {}, base, 1 / (base_weight + others));
-    o.state = OffsetPath::kDead;
+    if constexpr (kByClass) add_to_classes(o, {}, {}, base, 1 / (base_weight + others));
+    o.state = Offset::kDead;
     return;
   }
   scatter(e, f, pdf, 1, eta, o);
   o.beta *= arriving;
   o.g += (o.beta * e.emitted - base) * (1 / (base_weight + others));
-  if (by_class_) add_to_classes(o, o.beta, e.emitted, base, 1 / (base_weight + others));
-  o.state = OffsetPath::kJoined;
+  if constexpr (kByClass) add_to_classes(o, o.beta, e.emitted, base, 1 / (base_weight + others));
+  o.state = Offset::kJoined;
 }
 
 /// The offset path goes to the base path's next vertex.
-void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_weight, OffsetPath& o) {
+template <bool kByClass>
+void ShiftObserver<kByClass>::reconnect(const Extension& e, const Rgb& base, float base_weight, Offset& o) {
   const ShadingPoint& s = o.vertex.s;
   const Vec3f from = s.p;
   Vec3f wi = e.sample.wi;
@@ -198,8 +212,8 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
     distance = length(d);
     if (!(distance > 0)) {
       o.g -= base * (1 / base_weight);
-      if (by_class_) add_to_classes(o, {}, {}, base, 1 / base_weight);
-      o.state = OffsetPath::kDead;
+      if constexpr (kByClass) add_to_classes(o, {}, {}, base, 1 / base_weight);
+      o.state = Offset::kDead;
       return;
     }
     wi = d * (1 / distance);
@@ -238,28 +252,29 @@ void ShiftObserver::reconnect(const Extension& e, const Rgb& base, float base_we
   const float others = sqr(o.rho * jacobian / e.sample.pdf) * (sqr(pdf) + sqr(light_pdf));
   if (!(pdf > 0)) {
     o.g -= base * (1 / (base_weight + others));
-    if (by_class_) add_to_classes(o, {}, {}, base, 1 / (base_weight + others));
-    o.state = OffsetPath::kDead;
+    if constexpr (kByClass) add_to_classes(o, {}, {}, base, 1 / (base_weight + others));
+    o.state = Offset::kDead;
     return;
   }
   scatter(e, f, pdf, jacobian, eta, o);
   o.beta *= arriving * (visible / e.pass_probability);
   o.g += (o.beta * emitted - base) * (1 / (base_weight + others));
-  if (by_class_) add_to_classes(o, o.beta, emitted, base, 1 / (base_weight + others));
+  if constexpr (kByClass) add_to_classes(o, o.beta, emitted, base, 1 / (base_weight + others));
   if (!e.to) {
-    o.state = OffsetPath::kDead;
+    o.state = Offset::kDead;
     return;
   }
   o.vertex.make_bsdf();
-  o.state = OffsetPath::kFresh;
+  o.state = Offset::kFresh;
 }
 
 /// The offset path scatters about the same local half vector and finds its own next vertex.
-void ShiftObserver::copy_half_vector(const Extension& e, const Rgb& base, OffsetPath& o) {
+template <bool kByClass>
+void ShiftObserver<kByClass>::copy_half_vector(const Extension& e, const Rgb& base, Offset& o) {
   const auto fail = [&] {
     o.g -= base;
-    if (by_class_) add_to_classes(o, {}, {}, base, 1);
-    o.state = OffsetPath::kDead;
+    if constexpr (kByClass) add_to_classes(o, {}, {}, base, 1);
+    o.state = Offset::kDead;
   };
   const ShadingPoint& s = o.vertex.s;
   const Bsdf& bsdf = o.vertex.bsdf;
@@ -322,12 +337,15 @@ void ShiftObserver::copy_half_vector(const Extension& e, const Rgb& base, Offset
     emitted = context_.lights.environment(wi, camera_.time);
   }
   o.g += (o.beta * emitted - base) * (1 / (1 + sqr(o.rho)));
-  if (by_class_) add_to_classes(o, o.beta, emitted, base, 1 / (1 + sqr(o.rho)));
+  if constexpr (kByClass) add_to_classes(o, o.beta, emitted, base, 1 / (1 + sqr(o.rho)));
   if (end == EdgeEnd::kSurface) {
     o.vertex = next;
   } else {
-    o.state = OffsetPath::kDead;
+    o.state = Offset::kDead;
   }
 }
+
+template class ShiftObserver<false>;
+template class ShiftObserver<true>;
 
 }  // namespace tempera

@@ -18,7 +18,15 @@ namespace tempera {
 /// To the neighbours of a pixel: right, down, left, up.
 constexpr std::array<Vec2f, 4> kNeighbours{Vec2f{1, 0}, Vec2f{0, 1}, Vec2f{-1, 0}, Vec2f{0, -1}};
 
+/// What a path keeps to tell classes apart.
+struct ClassesOfPath {
+  WeightedStates states;   ///< of its events
+  std::span<Rgb> classes;  ///< of an offset path: g by class, the last entry for paths of none
+};
+struct NoClasses {};
+
 /// One shifted path, built along with the base path.
+template <bool kByClass>
 struct OffsetPath {
   enum State : std::uint8_t {
     kOutside,  ///< its pixel is not part of the picture
@@ -32,26 +40,28 @@ struct OffsetPath {
   float roulette = 1, eta2 = 1;  ///< what Russian roulette looks at
   Vertex vertex;                 ///< kFree, kFresh: the current one, seen from this path's previous vertex
   Rgb g;
-  WeightedStates states;   ///< of its events, if classes are asked for
-  std::span<Rgb> classes;  ///< g by class, the last entry for paths of none; or empty
+  [[no_unique_address]] std::conditional_t<kByClass, ClassesOfPath, NoClasses> by_class;
 };
 
-/// Shifts a base path to the neighbouring pixels as it grows.
+/// Shifts a base path to the neighbouring pixels as it grows. kByClass: whether it tells light-path classes apart; without
+/// that nothing of them is compiled in.
+template <bool kByClass>
 class ShiftObserver {
  public:
   static constexpr bool kActive = true;
-  /// `classes`: empty, or zeros for the contributions to each of the four differences, one for each class and one for
+  /// `classes`: with kByClass, zeros for the contributions to each of the four differences, one for each class and one for
   /// paths of none.
   ShiftObserver(const FrameContext& context, const PathOptions& options, float threshold, const CameraSample& camera,
-                std::array<bool, 4> inside, std::span<Rgb> classes = {})
-      : context_(context), options_(options), threshold_(threshold), camera_(camera), by_class_(!classes.empty()) {
-    if (by_class_) states_.start(context.classifier, camera.stream.hash());
+                std::array<bool, 4> inside, [[maybe_unused]] std::span<Rgb> classes = {})
+      : context_(context), options_(options), threshold_(threshold), camera_(camera) {
+    if constexpr (kByClass) by_class_.states.start(context.classifier, camera.stream.hash());
     for (std::size_t j = 0; j < 4; ++j) {
-      OffsetPath& o = offsets_[j];
-      o.state = inside[j] ? OffsetPath::kFree : OffsetPath::kOutside;
-      if (!by_class_) continue;
-      o.states.start(context.classifier, camera.stream.hash());
-      o.classes = classes.subspan(j * classes.size() / 4, classes.size() / 4);
+      Offset& o = offsets_[j];
+      o.state = inside[j] ? OffsetPath<kByClass>::kFree : OffsetPath<kByClass>::kOutside;
+      if constexpr (kByClass) {
+        o.by_class.states.start(context.classifier, camera.stream.hash());
+        o.by_class.classes = classes.subspan(j * classes.size() / 4, classes.size() / 4);
+      }
     }
   }
   const Rgb& g(std::size_t j) const { return offsets_[j].g; }
@@ -69,33 +79,33 @@ class ShiftObserver {
   void extend(const Extension& edge);
 
  private:
+  using Offset = OffsetPath<kByClass>;
   /// Diffuse enough to connect to; `delta`: whether the path takes a delta lobe there.
   bool connects(const Vertex& v, bool delta) const { return !delta && v.bsdf.least_roughness() > threshold_; }
   /// The end of an edge: lights and the environment always can be connected to.
   bool connects_to(const Vertex* v) const { return !v || v->shape->emission || connects(*v, false); }
   bool samples_lights(const Bsdf& bsdf) const { return bsdf.has_non_delta() && !context_.lights.empty(); }
   /// What a pair of paths that end at a light adds to the differences of classes: throughput of the offset path and the
-  /// radiance that it carries, light of the base path, and the pair's weight. Apart from what is added to g, and never
-  /// inlined there, so that g is rounded alike with classes and without.
-  [[gnu::noinline]] void add_to_classes(OffsetPath& o, const Rgb& beta, const Rgb& radiance, const Rgb& base,
+  /// radiance that it carries, light of the base path, and the pair's weight. Never inlined, so that g is rounded alike with
+  /// classes and without.
+  [[gnu::noinline]] void add_to_classes(Offset& o, const Rgb& beta, const Rgb& radiance, const Rgb& base,
                                         float weight) const;
   /// The same for light that arrives by next-event estimation, where f is what the last vertices scatter by event.
-  [[gnu::noinline]] void add_to_classes(OffsetPath& o, const Rgb& offset, const BsdfEval& f_offset, const Rgb& base,
+  [[gnu::noinline]] void add_to_classes(Offset& o, const Rgb& offset, const BsdfEval& f_offset, const Rgb& base,
                                         const BsdfEval& f, float weight) const;
-  void extend_shared(const Extension& e, const Rgb& base, float base_weight, OffsetPath& o) const;
-  void reconnect(const Extension& e, const Rgb& base, float base_weight, OffsetPath& o);
-  void copy_half_vector(const Extension& e, const Rgb& base, OffsetPath& o);
+  void extend_shared(const Extension& e, const Rgb& base, float base_weight, Offset& o) const;
+  void reconnect(const Extension& e, const Rgb& base, float base_weight, Offset& o);
+  void copy_half_vector(const Extension& e, const Rgb& base, Offset& o);
   /// Scattering of an offset path by `f`: its share of throughput, density and roulette.
-  void scatter(const Extension& e, const BsdfEval& f, float pdf, float jacobian, float eta, OffsetPath& o) const;
+  void scatter(const Extension& e, const BsdfEval& f, float pdf, float jacobian, float eta, Offset& o) const;
 
   const FrameContext& context_;
   const PathOptions& options_;
   float threshold_;
   const CameraSample& camera_;
-  bool by_class_;
-  Rgb beta_{1.0f};         ///< of the base path
-  WeightedStates states_;  ///< of its events, if classes are asked for
-  std::array<OffsetPath, 4> offsets_;
+  Rgb beta_{1.0f};  ///< of the base path
+  [[no_unique_address]] std::conditional_t<kByClass, ClassesOfPath, NoClasses> by_class_;
+  std::array<OffsetPath<kByClass>, 4> offsets_;
   std::uint64_t rays_ = 0;
   bool connected_ = false, rare_ = false;  ///< connected_: a surface that connects was met
   Rgb common_radiance_;

@@ -7,9 +7,10 @@ namespace tempera {
 
 namespace {
 
-std::vector<std::string> chains_of(const Frame& out) {
+std::vector<std::string> chains_of(const Frame* out) {
   std::vector<std::string> chains;
-  for (const Layer& l : out.layers()) {
+  if (!out) return chains;
+  for (const Layer& l : out->layers()) {
     if (!l.desc.chain.empty() && std::find(chains.begin(), chains.end(), l.desc.chain) == chains.end())
       chains.push_back(l.desc.chain);
   }
@@ -61,7 +62,7 @@ void ChainFeatures::scatter(const std::array<Rgb, kEventCount>& f) {
   }
 }
 
-ChainFilm::ChainFilm(const Frame& out, int width, int height)
+ChainFilm::ChainFilm(const Frame* out, int width, int height)
     : features_(chains_of(out)),
       width_(width),
       sums_(std::size_t(width) * std::size_t(height) * features_.chains().size()) {}

@@ -96,7 +96,7 @@ TileFilm::TileFilm(const FrameContext& context, const Tile& tile, const Frame& o
       sample_classes_(class_count_),
       cryptomatte_(out.has(prefix_ + "CryptoObject00")),
       ids_(cryptomatte_ ? tile.x1 - tile.x0 : 0, cryptomatte_ ? tile.y1 - tile.y0 : 0),
-      chains_(prefix_.empty() ? out : Frame(), tile.x1 - tile.x0, tile.y1 - tile.y0) {
+      chains_(prefix_.empty() ? &out : nullptr, tile.x1 - tile.x0, tile.y1 - tile.y0) {
   for (const char* name : {"normal", "depth", "position", "uv", "emission"}) {
     if (cryptomatte_ || out.has(prefix_ + name)) features_ = Features::kGeometry;
   }

@@ -104,7 +104,7 @@ class Pair {
     inside[j] = true;
     const FrameContext& c = view_.context;
     const PathOptions options{Params(PathOptions::params())};
-    ShiftObserver before(c, options, threshold_, p.camera, inside);
+    ShiftObserver<false> before(c, options, threshold_, p.camera, inside);
     before.start(&p.vertices.front(), Rgb(0.0f));
     double density = 1;
     float beta = 1;  // that of roulette
@@ -115,7 +115,7 @@ class Pair {
       beta /= q;
       return q;
     };
-    const auto extend = [&](ShiftObserver& o, std::size_t i, const BsdfSample& s, float q, const Vertex* to,
+    const auto extend = [&](ShiftObserver<false>& o, std::size_t i, const BsdfSample& s, float q, const Vertex* to,
                             const Rgb& emitted, float light_pdf) {
       o.extend({p.vertices[i], s, s.sum() * (1 / (s.pdf * q)), q, roulette_, to, emitted, light_pdf, 1,
                 std::uint32_t(i + 1), Rgb(0.0f)});
@@ -126,15 +126,15 @@ class Pair {
       density *= double(p.samples[i].pdf) * double(q);
     }
     const Vertex& last = p.vertices.back();
-    const auto gain = [&](const ShiftObserver& after) { return to_double(after.g(j) - before.g(j)); };
+    const auto gain = [&](const ShiftObserver<false>& after) { return to_double(after.g(j) - before.g(j)); };
 
-    ShiftObserver by_light = before;
+    ShiftObserver<false> by_light = before;
     by_light.next_event(last, p.light, last.bsdf.eval(last.s.wo, p.light.wi), p.visible);
     Vec3d sum = gain(by_light) * double(p.light.pdf);
     const BsdfSample s = sample_towards(last, p.light.wi);
     if (p.visible > 0 && s.pdf > 0 && !is_black(s.sum())) {
       const float q = survival(s);
-      ShiftObserver by_bsdf = before;
+      ShiftObserver<false> by_bsdf = before;
       Vertex end;
       if (p.light.point) {
         end.hit.point = *p.light.point;

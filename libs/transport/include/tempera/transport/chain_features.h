@@ -84,8 +84,8 @@ class ChainFeatures {
 /// Means of chain features over the samples of a tile's pixels. Threads: one thread each.
 class ChainFilm {
  public:
-  /// Gathers what `out` has layers for.
-  ChainFilm(const Frame& out, int width, int height);
+  /// Gathers what `out` has layers for; nothing for null.
+  ChainFilm(const Frame* out, int width, int height);
   ChainFeatures& features() { return features_; }
   static std::size_t bytes_of_pixel(std::size_t chains) { return chains * sizeof(Sums); }
   /// Adds features().hits() to pixel `i` of the tile with a filter weight.
