@@ -82,9 +82,9 @@ class GradientTile {
   bool two_estimates_;
 };
 
-/// Joins the two estimates of each difference that `out` has work layers for, of classes, too: mean of g_ij minus mean
+/// Joins the two estimates of each difference of a pass (the beginning of its layers' names), of classes, too: mean of g_ij minus mean
 /// of g_ji. [Manzi 2016, Eq. 1]
-void join_gradients(const std::string& prefix, Frame& out);
+void join_gradients(const std::string& pass, Frame& out);
 
 /// A frame whose samples are placed in batches, a pass each: what its tiles share.
 class GradientBatches {

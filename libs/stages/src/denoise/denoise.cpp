@@ -58,11 +58,13 @@ class Denoise final : public Stage {
           layers::emission(), layers::object_id(), layers::motion_forward(), layers::motion_backward()}) {
       out.push_back({d, false});
     }
-    for (const LayerDesc& d : in[0].layers) {
-      if (!d.chain.empty()) out.push_back({d, false});
+    const Available available(in[0].layers);
+    for (const std::string& chain : available.chains) {
+      for (const LayerDesc& d : {layers::albedo(), layers::normal()})
+        out.push_back({layers::chain_layer(chain, d), false});
     }
     if (settings_.recipe == denoise::Recipe::kComponents || settings_.recipe == denoise::Recipe::kAuto) {
-      for (const std::string& name : Available(in[0].layers).classes) {
+      for (const std::string& name : available.classes) {
         for (const LayerDesc& d : {layers::color(), layers::color_a(), layers::color_b()})
           out.push_back({layers::class_layer(name, d), false});
       }

@@ -198,9 +198,9 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
   const Metadata metadata = read_metadata(run.path(run.frames().front()));
   if (recipe_ == Recipe::kAuto) {
     const std::optional<int> spp = samples_of(metadata);
-    recipe_ = !available_.halves || spp.value_or(kMany) <= kFew        ? Recipe::kSingle
-              : !oidn_ && !available_.classes.empty() && *spp >= kMany ? Recipe::kComponents
-                                                                       : Recipe::kHalves;
+    recipe_ = !available_.halves || spp.value_or(kMany) <= kFew                       ? Recipe::kSingle
+              : !oidn_ && !available_.classes.empty() && spp.value_or(kMany) >= kMany ? Recipe::kComponents
+                                                                                      : Recipe::kHalves;
   }
   views_.push_back(available_.chains);
   if (recipe_ == Recipe::kComponents) {
@@ -275,9 +275,20 @@ Denoiser::Source Denoiser::read(int frame) {
     }
     return planes;
   };
-  const auto planes = [&](const LayerDesc& layer, int channels) {
+  // What the sequence has every frame must have.
+  const auto image = [&](const LayerDesc& layer, int channels) -> const Image* {
+    if (!run_.in()[0].has(layer)) return nullptr;
     const Layer* l = in.find(layer.name);
-    return l && l->image.channels() >= channels ? finite(Planes(l->image, channels)) : Planes();
+    const int n = l ? l->image.channels() : 0;
+    if (n >= channels) return &l->image;
+    throw Error(ErrorCode::kBadInput,
+                fmt::format("{}: layer \"{}\" {}; denoising needs it with {} channels in every frame, or in none",
+                            run_.path(frame), layer.name,
+                            l ? fmt::format("has {} channel{}", n, n == 1 ? "" : "s") : "is missing", channels));
+  };
+  const auto planes = [&](const LayerDesc& layer, int channels) {
+    const Image* i = image(layer, channels);
+    return i ? finite(Planes(*i, channels)) : Planes();
   };
   const Planes color = planes(layers::color(), 3);
   const int width = color.width(), height = color.height();
@@ -311,13 +322,12 @@ Denoiser::Source Denoiser::read(int frame) {
   s.normal = first_normal;
   if (available_.motion && radius_ > 0) {
     const auto vectors = [&](const LayerDesc& layer) {
-      const Layer* l = in.find(layer.name);
-      if (!l || l->image.channels() < 2) return Planes();
+      const Image& motion = *image(layer, 2);
       Planes v(width, height, 3, 1);  // files of others do not say what is valid
-      const int valid = l->image.channels() >= 4 ? 3 : -1;
+      const int valid = motion.channels() >= 4 ? 3 : -1;
       for_rows(height, [&](int y) {
         for (int x = 0; x < width; ++x) {
-          const float* p = l->image.pixel(x, y);
+          const float* p = motion.pixel(x, y);
           const bool known = std::isfinite(p[0]) && std::isfinite(p[1]);
           v.row(0, y)[x] = known ? p[0] : 0, v.row(1, y)[x] = known ? p[1] : 0;
           v.row(2, y)[x] = known && (valid < 0 || p[valid] > 0) ? 1.0f : 0.0f;
@@ -381,7 +391,8 @@ Denoiser::Source Denoiser::read(int frame) {
       for_values(light.a, [&](int, int y, int x, float v) { return v * fireflies[0].row(0, y)[x]; });
       for_values(light.b, [&](int, int y, int x, float v) { return v * fireflies[1].row(0, y)[x]; });
     }
-    prepare(light, part.divide ? &out.views[part.view].divisor : nullptr, planes(layers::color_variance(), 3));
+    prepare(light, part.divide ? &out.views[part.view].divisor : nullptr,
+            light.halves() ? Planes() : planes(layers::color_variance(), 3));
     out.light.push_back(std::move(light));
   }
   spent("prepare", prepared);

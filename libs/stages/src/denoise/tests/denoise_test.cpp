@@ -291,6 +291,38 @@ TEST_F(Denoise, DamagedPixelsDoNotSpread) {
   }
 }
 
+// What the first frame has and another lacks, or has in another form, is named and not guessed.
+TEST_F(Denoise, LayersAreThoseOfEveryFrame) {
+  const auto spoiled = [&](const std::function<void(Frame&)>& how) {
+    Frame frame = read_frame(frame_path(pattern("in"), 3));
+    how(frame);
+    write_frame(frame_path(pattern("in"), 3), frame);
+    return error_of([&] { run(FrameSequence(pattern("in")), "out"); }, ErrorCode::kBadInput);
+  };
+  const FrameSequence in = write("in");
+  const std::string missing = spoiled([](Frame& f) { f.remove("albedo"); });
+  EXPECT_NE(missing.find(in.path(3) + ": layer \"albedo\" is missing"), std::string::npos) << missing;
+  write("in");
+  const std::string thin = spoiled([](Frame& f) {
+    f.remove("color.a");
+    f.add({"color.a", {"R"}, units::kRadiance}, Image(f.width(), f.height(), 1));
+  });
+  EXPECT_NE(thin.find("\"color.a\" has 1 channel;"), std::string::npos) << thin;
+}
+
+// Without a number of samples the frames are taken to have many.
+TEST_F(Denoise, ClassesOfFramesThatDoNotSayTheirSamples) {
+  Shot s;
+  s.classes = true;
+  write("in", s);
+  for (int f = s.first; f <= s.last; ++f) {
+    Frame frame = read_frame(frame_path(pattern("in"), f));
+    frame.metadata.erase("tempera/spp");
+    write_frame(frame_path(pattern("in"), f), frame);
+  }
+  EXPECT_EQ(run(FrameSequence(pattern("in")), "out").frames.size(), std::size_t(s.last - s.first + 1));
+}
+
 TEST_F(Denoise, SequencesWithFaultsAreNamed) {
   const Shot shot;
   const FrameSequence in = write("in", shot);
