@@ -85,10 +85,7 @@ class Denoise final : public Stage {
     Denoiser denoiser(run, settings_, oidn());
     double done = 0;
     for (const int f : run.frames()) {
-      denoiser.forget_before(f);
-      Frame out = run.start(f);
-      denoiser.make(f, out);
-      run.write(f, std::move(out));
+      run.write(f, denoiser.make(f));
       run.progress(++done / double(run.frames().size()));
     }
     for (std::string& note : denoiser.notes()) run.note(std::move(note));

@@ -147,13 +147,17 @@ TEST(NlMeans, SameBitsForAnyThreadsAndTilesOfATrialAreThoseOfTheWhole) {
   EXPECT_LT(tried, 150 * 70 / 2);
 }
 
+PackedPlanes facing(int width, int height, float z) {
+  return PackedPlanes(picture(width, height, 3, [&](int, int, int c) { return c == 2 ? z : 0.0f; }));
+}
+
 /// A picture that moves by (2, 1) pixels a frame, with an object in columns from `edge` on.
-Surfaces moving(int width, int height, float valid = 1) {
+Surfaces moving(int width, int height, bool valid = true) {
   Surfaces s;
-  s.forward = picture(width, height, 3, [&](int, int, int c) { return c == 0 ? 2.0f : c == 1 ? 1.0f : valid; });
-  s.backward = picture(width, height, 3, [&](int, int, int c) { return c == 0 ? -2.0f : c == 1 ? -1.0f : valid; });
+  s.forward = picture(width, height, 2, [&](int, int, int c) { return valid ? c == 0 ? 2.0f : 1.0f : kNowhere; });
+  s.backward = picture(width, height, 2, [&](int, int, int c) { return valid ? c == 0 ? -2.0f : -1.0f : kNowhere; });
   s.id = Planes(width, height, 1, 3);
-  s.normal = picture(width, height, 3, [](int, int, int c) { return c == 2 ? 1.0f : 0.0f; });
+  s.normal = facing(width, height, 1);
   return s;
 }
 
@@ -173,11 +177,11 @@ TEST(Tracks, FollowVectorsOverSeveralFrames) {
 
   frames[2].id.row(0, 6)[7] = 4;  // another object on the way
   EXPECT_EQ(follow(3, 1, surfaces).valid.row(0, 7)[9], 0);
-  frames[2] = moving(20, 12), frames[1].normal.row(2, 5)[5] = -1;
+  frames[2] = moving(20, 12), frames[1].normal = facing(20, 12, -1);
   EXPECT_EQ(follow(3, 1, surfaces).valid.row(0, 7)[9], 0) << "another side of it";
   frames[1] = moving(20, 12), frames[1].forward.row(0, 5)[5] = 9;
   EXPECT_EQ(follow(3, 1, surfaces).valid.row(0, 7)[9], 0) << "nothing leads back";
-  frames[1] = moving(20, 12), frames[2] = moving(20, 12, 0);
+  frames[1] = moving(20, 12), frames[2] = moving(20, 12, false);
   const Track cut = follow(3, 1, surfaces);
   for (const float v : cut.valid.values()) EXPECT_EQ(v, 0) << "vectors that are not valid: a cut";
   EXPECT_TRUE(follow(3, 1, [&](int) -> const Surfaces& {
