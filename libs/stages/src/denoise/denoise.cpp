@@ -63,7 +63,7 @@ class Denoise final : public Stage {
       for (const LayerDesc& d : {layers::albedo(), layers::normal()})
         out.push_back({layers::chain_layer(chain, d), false});
     }
-    if (settings_.recipe == denoise::Recipe::kComponents || settings_.recipe == denoise::Recipe::kAuto) {
+    if (settings_.recipe == denoise::Recipe::kComponents) {
       for (const std::string& name : available.classes) {
         for (const LayerDesc& d : {layers::color(), layers::color_a(), layers::color_b()})
           out.push_back({layers::class_layer(name, d), false});
@@ -152,7 +152,8 @@ const StageEntry denoise_entry{
               {{"color.var"}, "its variance, where there are no halves"},
               {{"albedo", "normal", "emission", "object_id"}, "what is seen, without noise"},
               {{"motion.forward", "motion.backward"}, "needed together, for averages over time"},
-              {{"class.*"}, "light by class of paths, with the halves of each, of a decomposition"},
+              {{"class.*"},
+               "light by class of paths, with the halves of each, of a decomposition, for recipe components"},
               {{"chain.*"}, "`albedo` and `normal` of what is seen in mirrors and behind glass, by their letters"}},
     .writes = {{{"color"}, "the clean picture, with the input's alpha"}},
     .window = "`2 radius + 1` of them before and after it, up to the next cut, if they have motion vectors",

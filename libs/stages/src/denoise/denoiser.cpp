@@ -5,8 +5,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <ctime>
+#include <numeric>
 #include <sstream>
 
 #include "denoise/residuals.h"
@@ -21,12 +21,12 @@ constexpr float kEmitterShare =
     0.02f;                            ///< of the light of a pixel that it emits, from which on it counts as an emitter
 constexpr float kLeastFactor = 0.2f;  ///< the same of clean light, as far as it is averaged over time
 constexpr float kFirefly = 4;         ///< times the brightest of the other half around that a half may be
+constexpr int kFireflyRadius = 7;     ///< around which they are counted
+constexpr float kFireflyShare = 0.015f;  ///< of the pixels there, from which on they begin to count as light
 constexpr int kVarianceRadius = 3;
-int dn(const char* n, int d) { const char* v = std::getenv(n); return v ? std::atoi(v) : d; }
-const int kFireflyRadius = 7;
-const float kFireflyScale = float(dn("DN_HS", 50));
-constexpr int kFew = 16, kMany = 32;  ///< samples per pixel, between which recipes change
-constexpr int kTrialTiles = 8;        ///< one tile of so many is tried, in large pictures
+constexpr int kFew = 16;        ///< samples per pixel, up to which halves are too noisy to be denoised apart
+constexpr int kMany = 64;       ///< from which on the larger network costs less than the samples that it saves
+constexpr int kTrialTiles = 8;  ///< one tile of so many is tried, in large pictures
 constexpr int kTrialWindow = 5;
 
 /// CPU time of all threads: what a step costs on one core, whatever else the machine does.
@@ -61,12 +61,6 @@ Planes apparent_variance(const Planes& in) {
     }
   });
   return box_mean(raw, kVarianceRadius);
-}
-
-Planes multiply(const Planes& a, const Planes& b) {
-  Planes out = a;
-  for_values(out, [&](int c, int y, int x, float v) { return v * b.row(c, y)[x]; });
-  return out;
 }
 
 /// Squared radiance, divided like the light, that no eye and no display could tell from none.
@@ -207,13 +201,15 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
     const auto found = of_classes.find(name);
     if (found != of_classes.end() && found->second == std::vector<std::string>{"D"}) scattered.push_back(name);
   }
-  if (recipe_ == Recipe::kAuto) {
-    const std::optional<int> spp = samples_of(metadata);
-    recipe_ = !available_.halves || spp.value_or(kMany) <= kFew           ? Recipe::kSingle
-              : !scattered.empty() && spp.value_or(kMany) >= kMany ? Recipe::kComponents
-                                                                          : Recipe::kHalves;
+  const int samples = samples_of(metadata).value_or(kMany);
+  if (recipe_ == Recipe::kAuto) recipe_ = !available_.halves || samples <= kFew ? Recipe::kSingle : Recipe::kHalves;
+  thorough_ = samples >= kMany;
+  if (recipe_ == Recipe::kComponents && scattered.empty()) {
+    log_info(
+        "no classes of a decomposition with halves that the first surface scatters: all light is filtered together");
+    recipe_ = Recipe::kHalves;
   }
-  if ((recipe_ == Recipe::kComponents || dn("DN_SPLIT", 0)) && !scattered.empty()) {
+  if (recipe_ == Recipe::kComponents) {
     std::vector<std::string> rest = available_.chains;
     const bool diffuse = std::erase(rest, "D") > 0;
     views_.push_back(diffuse ? std::vector<std::string>{"D"} : std::vector<std::string>{});
@@ -240,7 +236,7 @@ const Denoiser::Averaged& Denoiser::averaged(int frame) {
   auto it = averaged_.find(frame);
   if (it == averaged_.end()) {
     it = averaged_.emplace(frame, average(frame)).first;
-    for (std::size_t part = 0; part < parts_.size(); ++part) it->second.trials.push_back(try_both(frame, part));
+    it->second.trial = try_both(frame);
     forget();
   }
   return it->second;
@@ -262,9 +258,6 @@ void Denoiser::forget() {
   forget_before(denoised_, making_ - radius_);
   forget_before(averaged_, std::min(making_ - radius_, denoise - 1));
   forget_before(sources_, std::min({making_ - radius_, denoise - 1, average - radius_}));
-  for (auto& [f, a] : averaged_) {
-    if (f < denoise - 1) a.views.clear();
-  }
   for (auto& [f, source] : sources_) {
     if (f < average - radius_) source.light.clear();
     if (f < std::min(making_, denoise - 1)) source.views.clear(), source.emitter = {};
@@ -335,14 +328,11 @@ Denoiser::Source Denoiser::read(int frame) {
     const Planes sum = albedo;
     const auto light_of = [&](int y, int x) { return luminance(sum.row(0, y)[x], sum.row(1, y)[x], sum.row(2, y)[x]); };
     for_values(normal, [&](int, int y, int x, float v) { return v / std::max(light_of(y, x), 1e-6f); });
-    if (!by_class) {  // all that is seen: the first surface where no chain ends
-      const auto fill = [&](Planes& feature, const Planes& first) {
-        if (first.empty()) return;
-        for_values(feature, [&](int c, int y, int x, float v) {
-          return light_of(y, x) < kLeastReflectance ? first.row(c, y)[x] : v;
-        });
-      };
-      fill(albedo, first_albedo), fill(normal, first_normal);
+    // Where no chain ends the edges of the first surface are known, but its reflectance says nothing of the light.
+    if (!first_normal.empty()) {
+      for_values(normal, [&](int c, int y, int x, float v) {
+        return light_of(y, x) < kLeastReflectance ? first_normal.row(c, y)[x] : v;
+      });
     }
     out.views.push_back({PackedPlanes(albedo), PackedPlanes(normal)});
   }
@@ -386,9 +376,8 @@ Denoiser::Source Denoiser::read(int frame) {
   // What emits and what does not never stand for each other.
   s.id = Planes(width, height, 1);
   const Planes id = planes(layers::object_id(), 1);
-  for_values(s.id, [&](int, int y, int x, float) {
-    return (id.empty() ? 0.0f : 2 * id.row(0, y)[x]) + emitter.row(0, y)[x];
-  });
+  for_values(
+      s.id, [&](int, int y, int x, float) { return (id.empty() ? 0.0f : 2 * id.row(0, y)[x]) + emitter.row(0, y)[x]; });
   out.emitter = PackedPlanes(emitter);
 
   // Halves whose mean is the light itself, also for odd numbers of samples.
@@ -402,7 +391,8 @@ Denoiser::Source Denoiser::read(int frame) {
   if (available_.halves && samples_of(in.metadata) != 1)
     rest = halves_of(color, planes(layers::color_a(), 3), planes(layers::color_b(), 3));
   const Planes variance = rest.halves() ? Planes() : planes(layers::color_variance(), 3);
-  for (const Part& part : parts_) {
+  for (std::size_t p = 0; p < parts_.size(); ++p) {
+    const Part& part = parts_[p];
     Light light;
     if (part.classes.empty()) {
       light = std::move(rest);
@@ -425,18 +415,23 @@ Denoiser::Source Denoiser::read(int frame) {
       for_values(light.a, [&](int, int y, int x, float v) { return v * kept[0].row(0, y)[x]; });
       for_values(light.b, [&](int, int y, int x, float v) { return v * kept[1].row(0, y)[x]; });
     }
-    prepare(light, divisor(out, part), variance);
+    prepare(light, divisor(out, {p}), variance);
     out.light.emplace_back(light);
   }
   spent("prepare", prepared);
   return out;
 }
 
-Planes Denoiser::divisor(const Source& source, const Part& part) const {
-  Planes out = source.views[part.view].albedo.planes();
-  for (float& v : out.values()) v = std::max(v, kLeastReflectance);
-  if (part.emits && !out.empty())
-    for_values(out, [&](int, int y, int x, float v) { return source.emitter.at(0, y, x) > 0 ? 1.0f : v; });
+Planes Denoiser::divisor(const Source& source, const std::vector<std::size_t>& parts) const {
+  const std::size_t first = parts_[parts.front()].view, last = parts_[parts.back()].view;
+  Planes out = source.views[first].albedo.planes();
+  if (out.empty()) return out;
+  const PackedPlanes& more = source.views[last].albedo;
+  const bool emits = parts_[parts.back()].emits;
+  for_values(out, [&](int c, int y, int x, float v) {
+    if (emits && source.emitter.at(0, y, x) > 0) return 1.0f;
+    return std::max(first == last ? v : v + more.at(c, y, x), kLeastReflectance);
+  });
   return out;
 }
 
@@ -505,7 +500,7 @@ std::array<Planes, 2> Denoiser::held_fireflies(const Light& light, const Planes&
         to[x] = 1;
         if (!(l > limit)) continue;
         // Where they are many, they are the light that is there.
-        const float keep = std::clamp(density.row(0, y)[x] * kFireflyScale - 1, 0.0f, 1.0f);
+        const float keep = std::clamp(density.row(0, y)[x] / kFireflyShare - 1, 0.0f, 1.0f);
         const float kept = limit + keep * (l - limit);
         held[std::size_t(y)] += double(l - kept);
         to[x] = kept / l;
@@ -514,43 +509,6 @@ std::array<Planes, 2> Denoiser::held_fireflies(const Light& light, const Planes&
   }
   for (int y = 0; y < height; ++y) shares.held += held[std::size_t(y)], shares.all += all[std::size_t(y)];
   return most;
-}
-
-Denoiser::View Denoiser::average_view(int frame, std::size_t view, const Tracks& tracks) {
-  const View& own = source(frame).views[view];
-  // What moves with the first surface: not what mirrors and glass show.
-  if (own.albedo.empty() || tracks.empty() || (!views_[view].empty() && views_[view] != std::vector<std::string>{"D"}))
-    return own;
-  const Planes here = own.albedo.planes();
-  Planes albedo = here, normal = own.normal.planes(), noise(here.width(), here.height(), 1, 1e9f);
-  std::vector<std::pair<const Track*, Planes>> there;
-  for (const auto& [f, track] : tracks) {
-    there.emplace_back(&track, gather_smooth(source(f).views[view].albedo.planes(), track));
-    for_values(noise, [&](int, int y, int x, float v) {
-      if (track.valid.row(0, y)[x] == 0) return v;
-      float sum = 0;
-      for (int c = 0; c < 3; ++c) {
-        const float d = there.back().second.row(c, y)[x] - here.row(c, y)[x];
-        sum += d * d;
-      }
-      return std::min(v, sum / 6);
-    });
-  }
-  for (float& v : noise.values()) v = v < 1e8f ? v : 0;
-  const Planes variance = box_mean(noise, kVarianceRadius);
-  Planes total(here.width(), here.height(), 1, 1);
-  auto at = there.begin();
-  for (const auto& [f, track] : tracks) {
-    const Planes weight = likeness_weights(here, variance, at->second, variance, track.valid, {.k = 1, .radius = 1, .floor = 1e-6f});
-    add_weighted(at->second, weight, albedo);
-    if (!normal.empty()) add_weighted(gather_smooth(source(f).views[view].normal.planes(), track), weight, normal);
-    for_values(total, [&](int, int y, int x, float v) { return v + weight.row(0, y)[x]; });
-    ++at;
-  }
-  divide(albedo, total);
-  if (!normal.empty()) divide(normal, total);
-  for (float& v : albedo.values()) v = std::clamp(v, 0.0f, 1.0f);
-  return {PackedPlanes(albedo), PackedPlanes(normal)};
 }
 
 Denoiser::Averaged Denoiser::average(int frame) {
@@ -596,10 +554,6 @@ Denoiser::Averaged Denoiser::average(int frame) {
     out.light.emplace_back(light);
   }
   spent("average before", start);
-  const auto features = cpu_seconds();
-  for (std::size_t v = 0; v < views_.size(); ++v)
-    out.views.push_back(dn("DN_F", 1) ? average_view(frame, v, tracks) : source(frame).views[v]);
-  spent("features", features);
   return out;
 }
 
@@ -622,11 +576,11 @@ const Planes* pointer(const Planes& p) { return p.empty() ? nullptr : &p; }
 
 }  // namespace
 
-Denoiser::Features Denoiser::features(const std::vector<View>& views, const std::vector<std::size_t>& parts) const {
+Denoiser::Features Denoiser::features(const Source& source, const std::vector<std::size_t>& parts) const {
   const std::size_t first = parts_[parts.front()].view, last = parts_[parts.back()].view;
-  Features out{views[first].albedo.planes(), views[first].normal.planes()};
+  Features out{source.views[first].albedo.planes(), source.views[first].normal.planes()};
   if (first == last) return out;
-  const Planes albedo = views[last].albedo.planes(), normal = views[last].normal.planes();
+  const Planes albedo = source.views[last].albedo.planes(), normal = source.views[last].normal.planes();
   if (albedo.empty() || out.albedo.empty()) return out;
   const auto brightness = [](const Planes& p, int y, int x) {
     return luminance(p.row(0, y)[x], p.row(1, y)[x], p.row(2, y)[x]);
@@ -639,31 +593,40 @@ Denoiser::Features Denoiser::features(const std::vector<View>& views, const std:
   return out;
 }
 
+std::vector<std::size_t> Denoiser::all_parts() const {
+  std::vector<std::size_t> out(parts_.size());
+  std::iota(out.begin(), out.end(), std::size_t(0));
+  return out;
+}
+
 Denoiser::Light Denoiser::light_of(int frame, const std::vector<std::size_t>& parts, bool divided) {
+  if (divided && parts.size() == 1) return averaged(frame).light[parts[0]].light();
   Light out;
+  const auto scale = [](Light& light, const Planes& by, bool divide) {
+    const auto factor = [&](int c, int y, int x) { return divide ? 1 / by.row(c, y)[x] : by.row(c, y)[x]; };
+    for (Planes* half : {&light.a, &light.b})
+      for_values(*half, [&](int c, int y, int x, float v) { return v * factor(c, y, x); });
+    if (light.halves()) return;
+    for_values(light.variance, [&](int, int y, int x, float v) {
+      float sum = 0;
+      for (int c = 0; c < 3; ++c) sum += factor(c, y, x) * factor(c, y, x);
+      return v * sum / 3;
+    });
+  };
   for (const std::size_t part : parts) {
     Light light = averaged(frame).light[part].light();
-    const Planes d = divided ? Planes() : divisor(source(frame), parts_[part]);
-    if (!d.empty()) {
-      light.a = multiply(light.a, d);
-      if (light.halves()) {
-        light.b = multiply(light.b, d);
-      } else {
-        for_values(light.variance, [&](int, int y, int x, float v) {
-          float sum = 0;
-          for (int c = 0; c < 3; ++c) sum += d.row(c, y)[x] * d.row(c, y)[x];
-          return v * sum / 3;
-        });
-      }
-    }
+    if (const Planes d = divisor(source(frame), {part}); !d.empty()) scale(light, d, false);
     if (out.a.empty()) {
       out = std::move(light);
       continue;
     }
     for_values(out.a, [&](int c, int y, int x, float v) { return v + light.a.row(c, y)[x]; });
-    if (light.halves()) for_values(out.b, [&](int c, int y, int x, float v) { return v + light.b.row(c, y)[x]; });
+    for_values(out.b, [&](int c, int y, int x, float v) { return v + light.b.row(c, y)[x]; });
   }
-  if (out.halves() && (!divided || parts.size() > 1)) out.variance = half_variance(out.a, out.b, kVarianceRadius);
+  if (divided) {
+    if (const Planes d = divisor(source(frame), parts); !d.empty()) scale(out, d, true);
+  }
+  if (out.halves()) out.variance = half_variance(out.a, out.b, kVarianceRadius);
   return out;
 }
 
@@ -671,14 +634,14 @@ Denoiser::Denoised Denoiser::denoise(int frame) {
   const FrameRange range = around(frame, std::min(radius_, 1));
   for (int f = range.first; f <= range.last; ++f) averaged(f);
   Denoised out;
-  for (std::size_t part = 0; part < parts_.size(); ++part) {
-    const bool divided = is_divided(frame, part);
-    // Parts that are filtered as they are can be so together.
-    if (!divided && !out.empty() && !out.back().divided && dn("DN_MERGE", 1)) {
-      out.back().parts.push_back(part);
-    } else {
-      out.push_back({.parts = {part}, .divided = divided, .light = {}, .factor = {}});
-    }
+  const auto add = [&](std::vector<std::size_t> parts, bool divided) {
+    out.push_back({.parts = std::move(parts), .divided = divided, .light = {}, .factor = {}});
+  };
+  if (is_apart(frame)) {  // mirrors and glass show edges that a reflectance does not have: the rest as it is
+    for (std::size_t part = 0; part < parts_.size(); ++part) add({part}, !parts_[part].emits);
+  } else {
+    // What Open Image Denoise leaves of few samples shows the noise of the reflectance that it is multiplied by again.
+    add(all_parts(), !oidn_ || recipe_ != Recipe::kSingle);
   }
   for (Group& group : out) {
     const bool dark = std::all_of(group.parts.begin(), group.parts.end(),
@@ -709,7 +672,7 @@ NlMeansSettings Denoiser::nl_means_settings(const std::vector<std::size_t>& part
 
 Denoiser::Bundle Denoiser::bundle(int frame, const std::vector<std::size_t>& parts, bool divided, const Track* track) {
   const Source& s = source(frame);
-  Features features = this->features(averaged(frame).views, parts);
+  Features features = this->features(source(frame), parts);
   if (divided) features.albedo = {};
   const Planes emitter = s.emitter.planes();
   Bundle out{light_of(frame, parts, divided), {}, joined({&features.normal, &features.albedo, &emitter})};
@@ -722,56 +685,61 @@ Denoiser::Bundle Denoiser::bundle(int frame, const std::vector<std::size_t>& par
   return out;
 }
 
-Denoiser::Trial Denoiser::try_both(int frame, std::size_t part) {
+Denoiser::Trial Denoiser::try_both(int frame) {
+  if (parts_.size() == 1) return {};
   const auto start = cpu_seconds();
-  Trial trial;
-  const PackedLight& light = averaged(frame).light[part];
-  const Source& own = source(frame);
-  // All light together is always divided.
-  if (parts_.size() == 1 || own.views[parts_[part].view].albedo.empty() || !light.halves() || light.is_zero())
-    return trial;
-  const std::vector<std::size_t> parts{part};
   const int width = run_.in()[0].width, height = run_.in()[0].height;
-  const Light truth = light_of(frame, parts, false);
+  const Light truth = light_of(frame, all_parts(), false);
   const float floor = 1e4f * noise_floor(truth.a);
   const int every = (width + 63) / 64 * ((height + 31) / 32) >= 4 * kTrialTiles ? kTrialTiles : 4;
-  for (const bool divided : {true, false}) {
-    const Bundle b = bundle(frame, parts, divided, nullptr);
-    NlMeansSettings settings = nl_means_settings(parts, divided);
-    settings.floor = noise_floor(b.light.a);
-    settings.every = every, settings.window = kTrialWindow;
-    const NlMeansFrame only{&b.light.a, &b.light.b, &b.light.variance, nullptr, pointer(b.features)};
-    const NlMeansResult result = nl_means(std::span(&only, 1), settings);
-    const Planes back = divided ? factor(own, parts, features(averaged(frame).views, parts).albedo, kLeastReflectance)
-                                : Planes(width, height, 3, 1);
+  Trial trial;
+  for (const bool apart : {true, false}) {
+    std::vector<std::vector<std::size_t>> groups{all_parts()};
+    if (apart) groups = {{0}, {1}};
+    Planes a(width, height, 3), b(width, height, 3);
+    for (const std::vector<std::size_t>& parts : groups) {
+      const bool divided = !apart || !parts_[parts[0]].emits;
+      const Bundle bundle = this->bundle(frame, parts, divided, nullptr);
+      NlMeansSettings settings = nl_means_settings(parts, divided);
+      settings.floor = noise_floor(bundle.light.a);
+      settings.every = every, settings.window = kTrialWindow;
+      const NlMeansFrame only{&bundle.light.a, &bundle.light.b, &bundle.light.variance, nullptr,
+                              pointer(bundle.features)};
+      const NlMeansResult result = nl_means(std::span(&only, 1), settings);
+      const Planes back = divided
+                              ? factor(source(frame), parts, features(source(frame), parts).albedo, kLeastReflectance)
+                              : Planes(width, height, 3, 1);
+      for_values(a, [&](int c, int y, int x, float v) { return v + result.a.row(c, y)[x] * back.row(c, y)[x]; });
+      for_values(b, [&](int c, int y, int x, float v) { return v + result.b.row(c, y)[x] * back.row(c, y)[x]; });
+    }
     std::vector<double> rows(std::size_t(height), 0.0);
     for_rows(height, [&](int y) {
       double sum = 0;
       for (int x = 0; x < width; ++x) {
         if (!is_on_trial(x, y, every)) continue;
         for (int c = 0; c < 3; ++c) {
-          const float a = result.a.row(c, y)[x] * back.row(c, y)[x], b_ = result.b.row(c, y)[x] * back.row(c, y)[x];
-          const float da = truth.b.row(c, y)[x] - a, db = truth.a.row(c, y)[x] - b_, mean = 0.5f * (a + b_);
+          const float da = truth.b.row(c, y)[x] - a.row(c, y)[x], db = truth.a.row(c, y)[x] - b.row(c, y)[x],
+                      mean = 0.5f * (a.row(c, y)[x] + b.row(c, y)[x]);
           sum += double((da * da + db * db) / (mean * mean + floor));
         }
       }
       rows[std::size_t(y)] = sum;
     });
-    for (const double r : rows) (divided ? trial.divided : trial.whole) += r;
+    for (const double r : rows) (apart ? trial.apart : trial.together) += r;
   }
   spent("trials", start);
   return trial;
 }
 
-bool Denoiser::is_divided(int frame, std::size_t part) {
-  if (source(frame).views[parts_[part].view].albedo.empty()) return false;
+bool Denoiser::is_apart(int frame) {
+  if (parts_.size() == 1) return false;
   Trial sum;
   const FrameRange range = around(frame, std::min(radius_, 1));
   for (int f = range.first; f <= range.last; ++f) {
-    const Trial& trial = averaged(f).trials[part];
-    sum.divided += trial.divided, sum.whole += trial.whole;
+    const Trial& trial = averaged(f).trial;
+    sum.apart += trial.apart, sum.together += trial.together;
   }
-  return sum.divided <= sum.whole;
+  return sum.apart < sum.together;
 }
 
 Planes Denoiser::factor(const Source& source, const std::vector<std::size_t>& parts, const Planes& albedo,
@@ -799,7 +767,7 @@ void Denoiser::denoise_nl_means(int frame, Group& group) {
   NlMeansResult result = nl_means(frames, settings);
   bundles.clear();
   const Source& own = source(frame);
-  const Planes factor = this->factor(own, group.parts, features(averaged(frame).views, group.parts).albedo,
+  const Planes factor = this->factor(own, group.parts, features(source(frame), group.parts).albedo,
                                      group.divided ? kLeastReflectance : kLeastFactor);
   Light clean{std::move(result.a), std::move(result.b), {}};
   if (!group.divided) {
@@ -814,21 +782,20 @@ void Denoiser::denoise_nl_means(int frame, Group& group) {
 void Denoiser::denoise_oidn(int frame, Group& group) {
   const Source& own = source(frame);
   const auto prefiltering = cpu_seconds();
-  Features f = features(averaged(frame).views, group.parts);
-  if (!f.albedo.empty() && dn("DN_PA", 1)) f.albedo = oidn_->prefilter("albedo", f.albedo);
-  if (!f.normal.empty() && dn("DN_PN", 1)) f.normal = oidn_->prefilter("normal", f.normal);
+  Features f = features(own, group.parts);
+  if (!f.albedo.empty()) f.albedo = oidn_->prefilter("albedo", f.albedo);
+  // The noise of normals is small, and costs as much to take out.
+  if (!f.normal.empty() && thorough_) f.normal = oidn_->prefilter("normal", f.normal);
   for (float& v : f.albedo.values()) v = std::clamp(v, 0.0f, 1.0f);
   spent("features", prefiltering);
   const auto start = cpu_seconds();
-  // Where all light is filtered together, its reflectance is no more than a guide.
-  const bool divided = group.divided && parts_.size() > 1;
-  const Planes factor = this->factor(own, group.parts, f.albedo, divided ? kLeastReflectance : kLeastFactor);
-  const Planes white = divided ? Planes(factor.width(), factor.height(), 3, 1) : Planes();
-  const Light light = light_of(frame, group.parts, divided);
+  const Planes factor = this->factor(own, group.parts, f.albedo, group.divided ? kLeastReflectance : kLeastFactor);
+  if (group.divided && !f.normal.empty()) f.albedo = Planes(factor.width(), factor.height(), 3, 1);
+  const Light light = light_of(frame, group.parts, group.divided);
   const auto clean = [&](Planes color) {
     for (float& v : color.values()) v = std::max(v, 0.0f);
-    Planes done = oidn_->denoise(color, divided ? white : f.albedo, f.normal);
-    if (!divided) for_values(done, [&](int c, int y, int x, float v) { return v / factor.row(c, y)[x]; });
+    Planes done = oidn_->denoise(color, f.albedo, f.normal, thorough_);
+    if (!group.divided) for_values(done, [&](int c, int y, int x, float v) { return v / factor.row(c, y)[x]; });
     return done;
   };
   Light done;
@@ -889,12 +856,11 @@ Frame Denoiser::make(int frame) {
     const Planes factor = group.factor.planes();
     for (std::size_t i = 0; i < sum.size(); ++i) {
       divide(sum[i], total);
-      for_values(sums[i],
-                 [&](int c, int y, int x, float v) { return v + sum[i].row(c, y)[x] * factor.row(c, y)[x]; });
+      for_values(sums[i], [&](int c, int y, int x, float v) { return v + sum[i].row(c, y)[x] * factor.row(c, y)[x]; });
     }
     if (!residuals) continue;
     for (const std::size_t part : group.parts) {
-      const Planes d = divisor(source(frame), parts_[part]);
+      const Planes d = divisor(source(frame), {part});
       for (const int i : {kA, kB}) {
         const auto half = [&](const PackedLight& l) { return (i == kA ? l.a : l.b).planes(); };
         Planes light = half(noisy.light[part]);

@@ -109,15 +109,14 @@ class Denoiser {
     std::vector<PackedLight> light;  ///< of each part, divided where it can be
     Held held;
   };
-  /// Squared errors of a part that is filtered divided by the reflectance, and of one that is filtered as it is.
+  /// Squared errors of the parts that are filtered apart, and of all light that is filtered together.
   struct Trial {
-    double divided = 0, whole = 0;
+    double apart = 0, together = 0;
   };
   struct Averaged {
     std::vector<PackedLight> light;                    ///< of the parts
-    std::vector<View> views;
     std::map<int, std::vector<PackedPlanes>> weights;  ///< of the frames around and the parts, by the noisy pictures
-    std::vector<Trial> trials;                         ///< of the parts
+    Trial trial;
   };
   /// Parts that are filtered together, and what came of them.
   struct Group {
@@ -139,13 +138,13 @@ class Denoiser {
   void forget();
   /// Where the pixels of a frame are in those around.
   Tracks tracks(int frame, int distance);
-  /// Features of the surfaces that a group is seen on. `clean`: without noise.
+  /// Features of the surfaces that parts are seen on together.
   struct Features {
     Planes albedo, normal;
   };
-  Features features(const std::vector<View>& views, const std::vector<std::size_t>& parts) const;
-  /// What light of a part is divided by; empty: nothing.
-  Planes divisor(const Source& source, const Part& part) const;
+  Features features(const Source& source, const std::vector<std::size_t>& parts) const;
+  /// What light of parts together is divided by; empty: nothing.
+  Planes divisor(const Source& source, const std::vector<std::size_t>& parts) const;
   /// Light of parts together, divided by their reflectance or not.
   Light light_of(int frame, const std::vector<std::size_t>& parts, bool divided);
   /// What NL-means reads of a group of a frame, at the pixels of another one if there is a track.
@@ -158,9 +157,10 @@ class Denoiser {
   void denoise_nl_means(int frame, Group& group);
   void denoise_oidn(int frame, Group& group);
   /// Filters a few tiles both ways: the error is what each half, denoised by weights of the other, differs from that.
-  Trial try_both(int frame, std::size_t part);
-  /// Whether a part of a frame is to be filtered divided by the reflectance, by what was tried on it and those around.
-  bool is_divided(int frame, std::size_t part);
+  Trial try_both(int frame);
+  /// Whether the parts of a frame are to be filtered apart, by what was tried on it and those around.
+  bool is_apart(int frame);
+  std::vector<std::size_t> all_parts() const;
   /// That makes radiance of what was divided; `least`: it was divided by no less.
   Planes factor(const Source& source, const std::vector<std::size_t>& parts, const Planes& albedo, float least) const;
   FrameRange around(int frame, int distance) const;
@@ -168,8 +168,6 @@ class Denoiser {
   void prepare(Light& light, const Planes& divisor, const Planes& color_variance) const;
   /// Factors of both halves that bring what outshines the other half around it by far down to it.
   static std::array<Planes, 2> held_fireflies(const Light& light, const Planes& emitter, Held& shares);
-  /// A view with less noise: the mean of the same place in the frames around.
-  View average_view(int frame, std::size_t view, const Tracks& tracks);
   /// Adds the time since `start` to a step.
   void spent(const std::string& step, double start);
 
@@ -183,6 +181,7 @@ class Denoiser {
   std::shared_ptr<Oidn> oidn_;
   Recipe recipe_;
   bool hold_fireflies_;
+  bool thorough_ = false;  ///< whether Open Image Denoise takes the time for its best
   std::map<int, Source> sources_;
   std::map<int, Averaged> averaged_;
   std::map<int, Denoised> denoised_;

@@ -56,6 +56,29 @@ TEST(DenoisePlanes, BoxMeanIsThatOfThePixelsThatAreThere) {
   }
 }
 
+TEST(DenoisePlanes, PackedValuesKeepTheirSizeAndSign) {
+  const Planes in = picture(62, 9, 2, [](int x, int y, int c) {
+    return c == 1 ? 0.0f : std::ldexp(1 + float(y) / 9, x - 31) * (x % 2 ? -1.0f : 1.0f);
+  });
+  const PackedPlanes packed(in);
+  EXPECT_FALSE(packed.is_zero());
+  const Planes out = packed.planes();
+  ASSERT_EQ(out.channels(), 2);
+  for (std::size_t i = 0; i < in.values().size(); ++i)
+    ASSERT_NEAR(out.values()[i], in.values()[i], std::abs(in.values()[i]) * 0x1p-10f) << i;
+  EXPECT_EQ(packed.at(0, 5, 40), out.row(0, 5)[40]);
+  EXPECT_EQ(packed.at(1, 5, 40), 0);
+  const Planes ends = PackedPlanes(picture(4, 1, 1, [](int x, int, int) {
+                        return x == 0 ? 1e-20f : x == 1 ? -1e-20f : x == 2 ? 1e30f : -INFINITY;
+                      })).planes();
+  EXPECT_EQ(ends.row(0, 0)[0], 0);
+  EXPECT_EQ(ends.row(0, 0)[1], 0);
+  EXPECT_NEAR(ends.row(0, 0)[2] / 0x1p32f, 1, 1e-3) << "the largest that there is";
+  EXPECT_NEAR(ends.row(0, 0)[3] / -0x1p32f, 1, 1e-3);
+  EXPECT_TRUE(PackedPlanes(Planes(5, 4, 3)).is_zero());
+  EXPECT_EQ(PackedPlanes(Planes(5, 4, 3)).planes().values(), Planes(5, 4, 3).values());
+}
+
 TEST(DenoisePlanes, HalvesTellTheVarianceOfTheirMean) {
   const float sigma = 0.3f;
   const auto half = [&](std::uint64_t seed) {
