@@ -63,7 +63,8 @@ class Denoise final : public Stage {
       for (const LayerDesc& d : {layers::albedo(), layers::normal()})
         out.push_back({layers::chain_layer(chain, d), false});
     }
-    if (settings_.recipe == denoise::Recipe::kComponents) {
+    const bool automatic = settings_.recipe == denoise::Recipe::kAuto && settings_.method != denoise::Method::kNlMeans;
+    if (settings_.recipe == denoise::Recipe::kComponents || automatic) {
       for (const std::string& name : available.classes) {
         for (const LayerDesc& d : {layers::color(), layers::color_a(), layers::color_b()})
           out.push_back({layers::class_layer(name, d), false});
@@ -153,7 +154,7 @@ const StageEntry denoise_entry{
               {{"albedo", "normal", "emission", "object_id"}, "what is seen, without noise"},
               {{"motion.forward", "motion.backward"}, "needed together, for averages over time"},
               {{"class.*"},
-               "light by class of paths, with the halves of each, of a decomposition, for recipe components"},
+               "light by class of paths, with the halves of each, of a decomposition, as the recipe needs them"},
               {{"chain.*"}, "`albedo` and `normal` of what is seen in mirrors and behind glass, by their letters"}},
     .writes = {{{"color"}, "the clean picture, with the input's alpha"}},
     .window = "`2 radius + 1` of them before and after it, up to the next cut, if they have motion vectors",
