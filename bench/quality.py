@@ -36,8 +36,8 @@ NAME@LAYER=VALUE only of the pixels with this value in the reference's layer (re
   ./dev bench quality --scene cornell-motion --methods path:spp=16,path:spp=64
   ./dev bench quality --scene cornell-motion --methods path:spp=16:sampler=sobol,path:spp=64:sampler=sobol
   ./dev bench quality --scene running-figure --methods path,path+oidn,temporal_gradient_path --times-of 8,40
-  ./dev bench quality --scene robot@192x108 --methods path+oidn,path:decompose=default+denoise:method=oidn,run:quality=final \
-    --times-of 8 --metrics relmse_trimmed,relmse@object_id=9 --clock cpu
+  ./dev bench quality --scene robot@192x108 --times-of 8 --clock cpu --metrics relmse_trimmed,relmse@object_id=9 \
+    --methods path+oidn,path:decompose=default+denoise:method=oidn,run:quality=final
   ./dev bench quality --scene vase --methods path,path:sampler=independent --equal-error relmse=0.01
   ./dev bench quality --denoise final.md      the table of docs/denoising.md, of frames that are denoised
   ./dev bench quality --consistency           whether what is denoised becomes the truth with many samples
@@ -282,8 +282,8 @@ class Bench:
         shutil.rmtree(folder, ignore_errors=True)
         clock, oidn = self.args.clock, self.args.oidn
         made = folder / "made"
-        seconds = execute([self.tempera, "-q", "run", self.shot, *self.common, *self.threads, *method.arguments, "--halo", 0,
-                           "--no-video", "--spp", spp, "--seed", seed, "-o", made / "f.####.exr"], clock, oidn)
+        seconds = execute([self.tempera, "-q", "run", self.shot, *self.common, *self.threads, *method.arguments, "--halo",
+                           0, "--no-video", "--spp", spp, "--seed", seed, "-o", made / "f.####.exr"], clock, oidn)
         if (made / "final").exists():
             made = made / "final"
         if method.oidn:
@@ -318,9 +318,10 @@ class Bench:
                 self.titles[name] = title_of(name, m["title"], m["unit"])
         return values
 
-    def calibrate(self, method, target, folder):
+    def calibrate(self, method, target, folder, start=4):
         """Samples that take `target` seconds within 5 %, or as near below that as whole samples get, and their seconds;
-        the least samples where these take longer. What was made with them is in `folder`."""
+        the least samples where these take longer. What was made with them is in `folder`. `start`: samples to try first,
+        where nothing else is known."""
         least = method.least_spp()
         tried, present = self.seconds_of.setdefault(method.label, {}), None
         now = {}  # at this target
@@ -329,7 +330,7 @@ class Bench:
             """A constant part and one for each sample, from the two that were tried next to the target."""
             near = sorted(tried, key=lambda n: abs(math.log(tried[n] / target)))[:2]
             if not near:
-                return max(4, least)
+                return max(start, least)
             if len(near) == 1:
                 return max(least, round(near[0] * target / tried[near[0]]))
             slope = (tried[near[0]] - tried[near[1]]) / (near[0] - near[1])
@@ -454,7 +455,7 @@ def equal_time(bench, methods, args, samples=None):
         spp, first = samples if base else m.wanted_spp, None
         for _ in range(3):
             if spp is None:
-                spp, first = bench.calibrate(m, target, folder / "1")
+                spp, first = bench.calibrate(m, target, folder / "1", start=samples * 2 // 3 if samples else 4)
             fits = base or m.wanted_spp or first is None or first <= TOLERANCE * target
             seconds, figures = [], []
             for seed in range(1, args.seeds + 1) if fits else ():
@@ -597,7 +598,8 @@ def main():
                         "denoised ones is over 1.1 of that of the mean")
     parser.add_argument("--scene", help="comma list: of the gallery, NAME or NAME:VARIANT, or scene files, each with @WxH "
                         "if it is to have that size [cornell-motion]")
-    parser.add_argument("--shot", metavar="FILE[@WxH]", action="append", default=[], help="one more scene, e.g. of --denoise")
+    parser.add_argument("--shot", metavar="FILE[@WxH]", action="append", default=[],
+                        help="one more scene, e.g. of --denoise")
     parser.add_argument("--methods", help=f"comma list, see above [{METHODS}]")
     parser.add_argument("--seeds", type=int, help="runs of each method [3]")
     parser.add_argument("--frames", help="[1-10]")
@@ -616,8 +618,8 @@ def main():
     parser.add_argument("--markdown", metavar="FILE", help="append the figures as tables")
     parser.add_argument("--build", type=pathlib.Path, default=ROOT / "build/release")
     parser.add_argument("--work", type=pathlib.Path, default=ROOT / "build/quality", help="references and frames")
-    parser.add_argument("--oidn", type=pathlib.Path, metavar="LIBRARY",
-                        default=os.environ.get("TEMPERA_OIDN") or ROOT / "build/oidn/pyoidn/oidn/lib/libOpenImageDenoise.so",
+    fetched = ROOT / "build/oidn/pyoidn/oidn/lib/libOpenImageDenoise.so"
+    parser.add_argument("--oidn", type=pathlib.Path, metavar="LIBRARY", default=os.environ.get("TEMPERA_OIDN") or fetched,
                         help="[TEMPERA_OIDN, else what ./dev oidn fetches]")
     args = parser.parse_args()
     chosen = args.methods
@@ -661,7 +663,8 @@ def main():
             print(f"== {title}")
             results = equal_error(bench, methods, args) if args.equal_error else equal_time(bench, methods, args, samples)
             if not args.equal_error:
-                refused += [f"{r['method']} takes {100 * r['over']:.0f} % longer ({title})" for r in results if r["refused"]]
+                refused += [f"{r['method']} takes {100 * r['over']:.0f} % longer ({title})"
+                            for r in results if r["refused"]]
                 passed += [f"{text} ({title})" for text in beyond(results, bounds)]
                 if args.markdown:
                     with open(args.markdown, "a", encoding="utf-8") as out:

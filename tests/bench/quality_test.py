@@ -5,12 +5,15 @@
   python3 tests/bench/quality_test.py --tempera build/release/bin/tempera
 """
 import argparse
+import contextlib
 import importlib.util
+import io
 import json
 import math
 import pathlib
 import random
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -103,7 +106,8 @@ class Methods(unittest.TestCase):
                             '[decompose]\ndd = "ED"\n[materials.glass]\ntype = "dielectric"\n')
             plain = quality.plain_shot(shot)
             self.assertEqual(plain.name, "shot_plain.toml")
-            self.assertEqual(plain.read_text(), 'scene = "s.glb"\n[sampling]\nspp = 4\n[materials.glass]\ntype = "dielectric"\n')
+            self.assertEqual(plain.read_text(),
+                             'scene = "s.glb"\n[sampling]\nspp = 4\n[materials.glass]\ntype = "dielectric"\n')
 
     def test_a_missing_denoiser_is_said_in_a_line(self):
         command = [sys.executable, ROOT / "bench/quality.py", "--oidn", "/nowhere/lib.so", "--methods", "path+oidn"]
@@ -139,10 +143,62 @@ class Methods(unittest.TestCase):
         self.assertEqual(quality.frames_of("3,10-14x2,1..2"), [3, 10, 12, 14, 1, 2])
 
     def test_wrong_settings_end_the_program(self):
-        for text in ("path:spp=0", "path:spp=many", "path:sampler", "path:=3", "path+", "path+oidn:clean=yes", "path+oidn:spp=4",
-                     "path+oidn+denoise"):
+        for text in ("path:spp=0", "path:spp=many", "path:sampler", "path:=3", "path+", "path+oidn:clean=yes",
+                     "path+oidn:spp=4", "path+oidn+denoise"):
             with self.assertRaises(SystemExit):
                 quality.Method(text)
+
+
+class Clockwork(quality.Bench):
+    """Methods whose time is known: a constant part and one for each sample, which `slower` multiplies after the first
+    seed."""
+
+    def __init__(self, constant, each, slower=1.0):
+        self.constant, self.each, self.slower = constant, each, slower
+        self.work, self.metrics, self.noise, self.seconds_of, self.runs = pathlib.Path("/nowhere"), ["mse"], {}, {}, []
+
+    def run(self, method, spp, seed, folder):
+        name = method.label
+        seconds = (self.constant[name] + self.each[name] * spp) * (self.slower if seed > 1 and name != "path" else 1)
+        self.seconds_of.setdefault(name, {})[spp] = seconds
+        self.runs.append((name, spp, seed))
+        return seconds
+
+    def measure(self, folder, metrics):
+        return {"mse": 1.0}
+
+
+class EqualTime(unittest.TestCase):
+    def compare(self, constant, each, samples, seeds=3, slower=1.0):
+        bench = Clockwork({"path": 0.5, "path+denoise": constant}, {"path": 1.0, "path+denoise": each}, slower)
+        args = argparse.Namespace(time=30, seeds=seeds, metrics=["mse"])
+        methods = [quality.Method("path"), quality.Method("path+denoise")]
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            results = quality.equal_time(bench, methods, args, samples)
+        return results[1], bench.runs, out.getvalue()
+
+    def test_most_samples_that_fit(self):
+        for constant, each, samples in ((2, 1.5, 8), (0.1, 0.02, 8), (3, 1.1, 128), (7, 0.3, 32), (0, 2.4, 8)):
+            r, runs, text = self.compare(constant, each, samples)
+            target = 0.5 + samples
+            self.assertFalse(r["refused"], text)
+            self.assertLessEqual(statistics.fmean(r["seconds"]), 1.05 * target, text)
+            fits = abs(r["seconds"][0] / target - 1) < 0.05 or constant + each * (r["spp"] + 1) > 1.05 * target
+            self.assertTrue(fits, text)
+            self.assertLessEqual(len(runs), 3 + 6 + 2, text)
+
+    def test_what_takes_longer_is_refused(self):
+        r, _, text = self.compare(7.5, 1, 8)  # 9.5 s at its least, two samples, where 8.5 are given
+        self.assertTrue(r["refused"] and not r["figures"] and r["spp"] == 2, text)
+        self.assertAlmostEqual(r["over"], 9.5 / 8.5 - 1)
+        r, _, text = self.compare(6.9, 1, 8)  # 8.9 s
+        self.assertFalse(r["refused"], text)
+
+    def test_seeds_that_take_longer_get_fewer_samples(self):
+        r, _, text = self.compare(0, 1, 32, slower=1.2)
+        self.assertFalse(r["refused"], text)
+        self.assertLessEqual(statistics.fmean(r["seconds"]), 1.05 * 32.5, text)
+        self.assertGreater(r["spp"], 24, text)
 
 
 class Comparison(unittest.TestCase):
@@ -211,16 +267,9 @@ class Comparison(unittest.TestCase):
             self.assertLess(clean[metric], 0.5 * noisy[metric], text)
         self.assertLess(noisy["relmse_trimmed"], noisy["relmse"], text)
         self.assertNotEqual(noisy["relmse@object_id=9"], noisy["relmse"], text)
-        self.bench("--scene", "cornell-motion", "--resolution", "16x16", "--frames", "1", "--seeds", "1", "--reference-spp", "64",
-                   "--methods", "path:spp=64,path:spp=1", "--metrics", "relmse", "--bound", "relmse=2", status=6)
-
-    def test_what_takes_longer_is_refused(self):
-        stored, text = self.bench(
-            "--scene", "cornell-motion", "--resolution", "16x16", "--frames", "1", "--seeds", "1", "--reference-spp", "64",
-            "--methods", "path,temporal_gradient_path", "--times-of", "1", "--clock", "cpu", "--metrics", "relmse", status=1)
-        path, gradients = stored["results"]
-        self.assertTrue(gradients["refused"] and not gradients["figures"] and not path["refused"], text)
-        self.assertIn("quality: refused: temporal_gradient_path takes ", text)
+        self.bench("--scene", "cornell-motion", "--resolution", "16x16", "--frames", "1", "--seeds", "1",
+                   "--reference-spp", "64", "--methods", "path:spp=64,path:spp=1", "--metrics", "relmse", "--bound",
+                   "relmse=2", status=6)
 
     def test_equal_error_finds_the_samples(self):
         stored, text = self.bench("--scene", "cornell-motion", "--resolution", "64x64", "--frames", "1", "--reference-spp",
