@@ -153,7 +153,7 @@ enum class EdgeEnd { kSurface, kEnvironment, kLost };
 
 /// Follows `ray` to the surface that stops it, vertex `index` of the path. `passed` counts the masks on the way,
 /// `pass_probability` is the probability of passing them. `camera`: set for rays that come straight from there.
-inline EdgeEnd follow(const FrameContext& context, const SampleStream& stream, std::uint32_t index, Ray& ray,
+TEMPERA_INLINE EdgeEnd follow(const FrameContext& context, const SampleStream& stream, std::uint32_t index, Ray& ray,
                       const CameraSample* camera, Vertex& v, int& passed, float& pass_probability) {
   passed = 0, pass_probability = 1;
   for (; passed < kMaxVertices; ++passed) {
