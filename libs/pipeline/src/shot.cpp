@@ -9,6 +9,7 @@
 #include <set>
 
 #include "hash.h"
+#include "quality.h"
 #include "shot_motion.h"
 #include "tempera/frames/files.h"
 #include "tempera/import/paths.h"
@@ -228,6 +229,7 @@ Params stage_params(const ShotConfig& config, const StageEntry& entry) {
   for (const ParamSpec& s : entry.params) {
     if (const ShotValue* v = config.find(key(s.name))) params.set(s.name, v->value, v->loc);
   }
+  if (entry.name == quality_stage() && quality_of(config) && !config.find(key("method"))) params.set("method", "auto");
   try {
     entry.make(params);
   } catch (const StageParamError& e) {  // of several together
@@ -250,6 +252,7 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
     for (const StageEntry* e : stage_catalog()) {
       if (e->follows && e->follows(layers)) add(*e);
     }
+    if (quality_of(config)) add(find_stage(quality_stage()));
     return;
   }
   std::string_view text = config.get_string("stages");
@@ -271,7 +274,7 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
   }
 }
 
-/// Asks the integrator for what the first stage that the shot names can make use of, as far as it writes that.
+/// Asks the integrator for what a stage that the shot names can make use of, as far as it writes that.
 void add_layers_for(const StageChoice& stage, Shot& shot, std::vector<LayerDesc>& layers) {
   const RenderSettings& s = shot.settings;
   const SequenceDesc rendered{shot.sequence, shot.sequence, {}, s.x1() - s.x0(), s.y1() - s.y0(), layers};
@@ -584,7 +587,10 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   s.camera = find_camera(config, scene);
   shot.edits += edit_cameras(config, s, scene);
   shot.edits += attach_caches(config, s.clock, scene);
-  s.spp = config.find("sampling.spp") ? config.get_int("sampling.spp") : scene.defaults.spp.value_or(s.spp);
+  const Quality* quality = quality_of(config);
+  s.spp = config.find("sampling.spp") ? config.get_int("sampling.spp")
+          : quality                   ? quality->spp
+                                      : scene.defaults.spp.value_or(s.spp);
   s.seed = std::uint64_t(config.get_int("sampling.seed"));
   s.seed_per_frame = config.get_bool("sampling.seed_per_frame");
   const std::string sampler = config.find("sampling.sampler") ? config.get_string("sampling.sampler")
@@ -658,7 +664,9 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
     throw Error(e.code(), config.loc(config.find(e.key()) ? e.key() : "integrator.name"), e.message());
   }
   settle_stages(config, layers, shot);
-  if (config.find("stages") && !shot.stages.empty()) add_layers_for(shot.stages[0].choice, shot, layers);
+  if (config.find("stages") || quality) {
+    for (const ShotStage& stage : shot.stages) add_layers_for(stage.choice, shot, layers);
+  }
   const bool exact = std::any_of(layers.begin(), layers.end(),
                                  [](const LayerDesc& d) { return d.role == LayerRole::kReconstruction; });
   if (shot.write.half && exact) {

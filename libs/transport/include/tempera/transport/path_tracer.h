@@ -116,8 +116,8 @@ void set_footprint(const FrameContext& context, const CameraSample& camera, cons
 float transmittance(const FrameContext& context, Ray ray, int edges_left);
 
 /// Fraction of light that gets from `s` in unit direction `wi` to what is `distance` away (infinity: out of the scene).
-inline float visibility(const FrameContext& context, const ShadingPoint& s, const Vec3f& wi, float distance,
-                        int edges_left = kMaxVertices) {
+TEMPERA_INLINE float visibility(const FrameContext& context, const ShadingPoint& s, const Vec3f& wi, float distance,
+                                int edges_left = kMaxVertices) {
   Ray shadow{context.rays.offset_origin(s.p, s.ng, wi), wi, 0, kInfinity, s.time};
   if (std::isfinite(distance)) {  // from where the ray really starts to just before its target
     const Vec3f to_target = s.p + wi * distance - shadow.o;
@@ -153,8 +153,8 @@ enum class EdgeEnd { kSurface, kEnvironment, kLost };
 
 /// Follows `ray` to the surface that stops it, vertex `index` of the path. `passed` counts the masks on the way,
 /// `pass_probability` is the probability of passing them. `camera`: set for rays that come straight from there.
-inline EdgeEnd follow(const FrameContext& context, const SampleStream& stream, std::uint32_t index, Ray& ray,
-                      const CameraSample* camera, Vertex& v, int& passed, float& pass_probability) {
+TEMPERA_INLINE EdgeEnd follow(const FrameContext& context, const SampleStream& stream, std::uint32_t index, Ray& ray,
+                              const CameraSample* camera, Vertex& v, int& passed, float& pass_probability) {
   passed = 0, pass_probability = 1;
   for (; passed < kMaxVertices; ++passed) {
     if (!intersect_seen(context, camera, ray, v.hit)) return EdgeEnd::kEnvironment;
