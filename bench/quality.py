@@ -343,7 +343,8 @@ class Bench:
             print(f"  {method.label}: {spp} samples take {now[spp]:.2f} s", flush=True)
             if abs(now[spp] / target - 1) < TOLERANCE - 1:
                 break
-            below, above = ([n for n in now if (now[n] <= TOLERANCE * target) == fits] for fits in (True, False))
+            below = [n for n in now if now[n] <= TOLERANCE * target]
+            above = [n for n in now if n not in below]
             spp = guess()
             if above and not below:
                 spp = min(spp, min(above) - 1)
@@ -446,38 +447,43 @@ def title_of(metric, title, unit):
     return title + (f" [{unit}]" if unit else "")
 
 
+def seconds_of_seeds(bench, method, spp, folder, seeds, first=None):
+    """Seconds of a run with each seed, to folder/<seed>. `first`: of the first one, where it is there already."""
+    seconds = []
+    for seed in range(1, seeds + 1):
+        seconds.append(first if first and seed == 1 else bench.run(method, spp, seed, folder / str(seed)))
+        print(f"  {method.label}, seed {seed}: {spp} samples, {seconds[-1]:.2f} s", flush=True)
+    return seconds
+
+
 def equal_time(bench, methods, args, samples=None):
     """Figures of all methods at equal time: that of `samples` of the first method, or args.time."""
     target, results = args.time, []
-    for m in methods:
-        folder = bench.work / f"{methods.index(m)}_{m.name}"
-        base = samples and m is methods[0]
-        spp, first = samples if base else m.wanted_spp, None
-        for _ in range(3):
-            if spp is None:
-                spp, first = bench.calibrate(m, target, folder / "1", start=samples * 2 // 3 if samples else 4)
-            fits = base or m.wanted_spp or first is None or first <= TOLERANCE * target
-            seconds, figures = [], []
-            for seed in range(1, args.seeds + 1) if fits else ():
-                if first is None or seed > 1:
-                    seconds.append(bench.run(m, spp, seed, folder / str(seed)))
-                else:
-                    seconds.append(first)
-                print(f"  {m.label}, seed {seed}: {spp} samples, {seconds[-1]:.2f} s", flush=True)
-            mean = statistics.fmean(seconds) if seconds else first
-            over = 0 if base or m.wanted_spp else mean / target - 1
-            if over <= TOLERANCE - 1 or not seconds or spp <= m.least_spp():
-                break
-            spp, first = max(m.least_spp(), min(spp - 1, int(spp / (1 + over)))), None  # the first seed took less
-        if base:
-            target = mean
+    for i, m in enumerate(methods):
+        folder, least = bench.work / f"{i}_{m.name}", m.least_spp()
+        is_base = samples is not None and i == 0
+        spp, first = samples if is_base else m.wanted_spp, None
+        calibrated = spp is None
+        if calibrated:
+            spp, first = bench.calibrate(m, target, folder / "1", start=samples * 2 // 3 if samples else 4)
+        seconds, over = [first], 0
+        if not calibrated or first <= TOLERANCE * target:
+            seconds = seconds_of_seeds(bench, m, spp, folder, args.seeds, first)
+        if calibrated:
+            over = statistics.fmean(seconds) / target - 1
+            for _ in range(2):  # the seed that was calibrated may have been a quick one
+                if over <= TOLERANCE - 1 or spp <= least:
+                    break
+                spp = max(least, min(spp - 1, int(spp / (1 + over))))
+                seconds = seconds_of_seeds(bench, m, spp, folder, args.seeds)
+                over = statistics.fmean(seconds) / target - 1
+        if is_base:
+            target = statistics.fmean(seconds)
             print(f"  {m.label}: {samples} samples take {target:.2f} s, the time of all", flush=True)
         refused = over > TOLERANCE - 1
         if refused:
             print(f"  {m.label}: refused, {spp} samples take {100 * over:.0f} % longer than {target:.2f} s", flush=True)
-            seconds = seconds or [first]
-        else:
-            figures = [bench.measure(folder / str(seed), bench.metrics) for seed in range(1, args.seeds + 1)]
+        figures = [bench.measure(folder / str(s), bench.metrics) for s in range(1, args.seeds + 1) if not refused]
         shutil.rmtree(folder, ignore_errors=True)
         results.append({"method": m.label, "spp": spp, "seconds": seconds, "figures": figures, "over": over,
                         "refused": refused})
