@@ -37,7 +37,8 @@ const std::vector<ParamSpec> kParams = {
      .fallback = std::string("yes"),
      .help = "whether what both halves of the samples miss in the clean picture is given back",
      .choices = {"yes", "no"}},
-    {"oidn", std::string(), "file of Open Image Denoise; else TEMPERA_OIDN, else libOpenImageDenoise.so.2 of the system, else of the folder "
+    {"oidn", std::string(),
+     "file of Open Image Denoise; else TEMPERA_OIDN, else libOpenImageDenoise.so.2 of the system, else of the folder "
      "../lib beside the program"},
     {"oidn_version", std::string(), "refuse any other version of it, e.g. 2.5.1"},
 };
