@@ -225,6 +225,26 @@ TEST_F(FrameFile, HeaderAndChosenLayers) {
   EXPECT_NE(e.message().find("color"), std::string::npos);
 }
 
+// Numbers that EXR defines are single floats: the library would leave out those of another type, with a message.
+TEST_F(FrameFile, AttributesOfOtherProgramsComeBack) {
+  OIIO::ImageSpec spec(1, 1, 3, OIIO::TypeDesc::FLOAT);
+  spec.attribute("XResolution", 72.0f);
+  spec.attribute("whiteLuminance", 0.1f);
+  const float black[3] = {};
+  const auto out = OIIO::ImageOutput::create(path("f.exr"));
+  ASSERT_TRUE(out && out->open(path("f.exr"), spec) && out->write_image(OIIO::TypeDesc::FLOAT, black) && out->close());
+  Frame f = read_frame(path("f.exr"));
+  f.metadata["tempera/number"] = 0.5;
+  testing::internal::CaptureStderr();
+  write_frame(path("g.exr"), f);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+  const Metadata back = read_metadata(path("g.exr"));
+  EXPECT_EQ(std::get<double>(back.at("XResolution")), 72);
+  EXPECT_EQ(std::get<double>(back.at("whiteLuminance")), double(0.1f));
+  const auto in = OIIO::ImageInput::open(path("g.exr"));
+  EXPECT_EQ(in->spec().find_attribute("tempera/number")->type(), OIIO::TypeDesc::DOUBLE) << "as all numbers of ours";
+}
+
 TEST_F(FrameFile, ClassesComeBack) {
   const std::vector<ClassInfo> some{
       {"direct", "ED", {"D"}}, {"emission", "E", {}}, {"seen", "E (R |T)D.*", {"RD", "TD"}}};
