@@ -193,9 +193,14 @@ const StageEntry denoise_entry{
               {{"albedo", "normal", "emission", "object_id"}, "what is seen, without noise"},
               {{"motion.forward", "motion.backward"}, "needed together, for averages over time"},
               {{"class.*"}, "light by class of paths, with the halves of each, of a decomposition"},
-              {{"chain.*"}, "`albedo` and `normal` of what is seen in mirrors and behind glass, by their letters"}},
+              {{"chain.*"},
+               "`albedo` and `normal` of what is seen in mirrors and behind glass, by their letters; `object_id` for "
+               "method published"},
+              {{"depth"}, "for method rmz13"}},
     .writes = {{{"color"}, "the clean picture, with the input's alpha"}},
-    .window = "`2 radius + 1` of them before and after it, up to the next cut, if they have motion vectors",
+    .window =
+        "`2 radius + 1` of them before and after it (method published: one, rmz13: none), up to the next cut, if "
+        "they have motion vectors",
     .gap_help = "what they show is part of the averages over time (give --radius 0 to denoise each frame alone)",
     .examples = {"tempera denoise out/frame.####.exr -o final/frame.####.exr",
                  "tempera denoise out/ -o final/ --frames 1-24 --resume   (the same bits as all at once)",
