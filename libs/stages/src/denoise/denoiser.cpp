@@ -682,7 +682,7 @@ std::vector<std::string> Denoiser::notes() const {
                           : recipe_ == Recipe::kHalves   ? "halves of the samples"
                                                          : "all samples together";
   std::vector<std::string> out{fmt::format("denoised by {}: {}", describe_method(oidn_.get()), how)};
-  if (damaged_ > 0) out.push_back(fmt::format("{} values that are not finite count as 0", damaged_));
+  if (damaged_ > 0) out.push_back(fmt::format("{} values that are not finite or beyond 1e14 count as 0", damaged_));
   if (hold_fireflies_ && held_.all > 0)
     out.push_back(
         fmt::format("{:.2g} % of the light was held back, as it outshines the other half of the samples by far",

@@ -8,6 +8,10 @@
 
 namespace tempera::denoise {
 
+namespace {
+constexpr float kMost = 1e14f;  ///< of any value: filters square differences of what they divide by reflectances
+}  // namespace
+
 std::vector<ClassView> class_views(const Available& available, const Metadata& metadata) {
   const std::vector<ClassInfo> known = classes(metadata);
   std::vector<ClassView> out;
@@ -53,7 +57,7 @@ Planes InputFrame::planes(const LayerDesc& layer, int channels) {
   if (!in) return {};
   Planes out(*in, channels);
   for (float& v : out.values()) {
-    if (!std::isfinite(v)) v = 0, ++damaged_;
+    if (!(std::abs(v) <= kMost)) v = 0, ++damaged_;
   }
   return out;
 }

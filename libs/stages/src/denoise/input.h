@@ -39,7 +39,7 @@ class InputFrame {
   /// Errors: those of StageRun::read.
   InputFrame(StageRun& run, int frame);
   const Metadata& metadata() const { return frame_.metadata; }
-  /// The first channels of a layer, 0 where they are not finite; empty if the sequence lacks the layer.
+  /// The first channels of a layer, 0 where they are not finite or beyond 1e14; empty if the sequence lacks the layer.
   /// Errors: Error{kBadInput} if the sequence has the layer, and this frame has not or with fewer channels.
   Planes planes(const LayerDesc& layer, int channels);
   /// Motion vectors: x, y, and 1 where they are valid. Errors: as planes.

@@ -74,7 +74,7 @@ void write_color(const Planes& sum, Frame& out) {
 
 std::vector<std::string> notes_of(const char* how, std::int64_t damaged) {
   std::vector<std::string> out{how};
-  if (damaged > 0) out.push_back(fmt::format("{} values that are not finite count as 0", damaged));
+  if (damaged > 0) out.push_back(fmt::format("{} values that are not finite or beyond 1e14 count as 0", damaged));
   return out;
 }
 

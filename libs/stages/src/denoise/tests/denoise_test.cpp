@@ -487,6 +487,21 @@ TEST_P(DenoisePublished, WhatEmitsIsNotSpread) {
   }
 }
 
+TEST_P(DenoisePublished, DamagedPixelsDoNotSpread) {
+  const Shot shot{.last = 2};
+  for (int f = 1; f <= 2; ++f) {
+    Frame frame = make(shot, f);
+    if (f == 2) {
+      frame.layer("color").at(20, 20, 1) = NAN, frame.layer("color.a").at(20, 20, 1) = 1e30f;
+      frame.layer("albedo").at(40, 10, 0) = NAN, frame.layer("motion.backward").at(10, 10, 0) = NAN;
+    }
+    write_frame(frame_path(pattern("in"), f), frame);
+  }
+  const StageReport report = run(FrameSequence(pattern("in")), "out", method());
+  for (const float v : result("out", 2).layer("color").values()) ASSERT_TRUE(std::isfinite(v));
+  EXPECT_NE(report.notes.back().find("3 values"), std::string::npos) << report.notes.back();
+}
+
 TEST_P(DenoisePublished, RefusesWhatItDoesNotHave) {
   const FrameSequence in = write("in", {.last = 2});
   for (const auto& [param, value] : {std::pair{"recipe", "halves"}, {"fireflies", "hold"}}) {
