@@ -101,7 +101,7 @@ StageRun::StageRun(const Stage& stage, std::span<const FrameSequence> files, std
   for (int port = 0; port < std::ssize(in_); ++port) reads_.push_back(stage.reads(port, in_));
 }
 
-Frame StageRun::read(int frame, int port) const {
+Frame StageRun::read(int frame, int port, const std::function<bool(const LayerDesc&)>& wanted) const {
   TEMPERA_ASSERT(declared_.contains({port, frame}));
   const SequenceDesc& in = in_[port];
   const std::string file = path(frame, port);
@@ -116,6 +116,7 @@ Frame StageRun::read(int frame, int port) const {
   };
   ReadOptions options;
   for (const LayerUse& use : reads_[port]) {
+    if (wanted && !wanted(use.layer)) continue;
     if (has(use.layer)) {
       options.layers.push_back(use.layer.name);
     } else if (use.required) {

@@ -77,7 +77,7 @@ class Denoise final : public Stage {
         out.push_back({layers::chain_layer(chain, d), false});
       if (published) out.push_back({layers::chain_layer(chain, layers::object_id()), false});
     }
-    if (published || settings_.recipe == denoise::Recipe::kComponents || settings_.recipe == denoise::Recipe::kAuto) {
+    if (published || settings_.recipe == denoise::Recipe::kComponents) {
       for (const std::string& name : available.classes) {
         for (const LayerDesc& d : {layers::color(), layers::color_a(), layers::color_b()})
           out.push_back({layers::class_layer(name, d), false});
@@ -116,10 +116,7 @@ class Denoise final : public Stage {
   static void run_with(Driver denoiser, StageRun& run) {
     double done = 0;
     for (const int f : run.frames()) {
-      denoiser.forget_before(f);
-      Frame out = run.start(f);
-      denoiser.make(f, out);
-      run.write(f, std::move(out));
+      run.write(f, denoiser.make(f));
       run.progress(++done / double(run.frames().size()));
     }
     for (std::string& note : denoiser.notes()) run.note(std::move(note));
@@ -195,7 +192,8 @@ const StageEntry denoise_entry{
               {{"color.var"}, "its variance, where there are no halves"},
               {{"albedo", "normal", "emission", "object_id"}, "what is seen, without noise"},
               {{"motion.forward", "motion.backward"}, "needed together, for averages over time"},
-              {{"class.*"}, "light by class of paths, with the halves of each, of a decomposition"},
+              {{"class.*"},
+                "light by class of paths, with the halves of each, of a decomposition, for recipe components"},
               {{"chain.*"},
                "`albedo` and `normal` of what is seen in mirrors and behind glass, by their letters; `object_id` for "
                "method published"},

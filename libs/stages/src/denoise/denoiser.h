@@ -62,10 +62,8 @@ struct Available {
 class Denoiser {
  public:
   Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn> oidn);
-  /// Fills `color` of a frame that has what passes through.
-  void make(int frame, Frame& out);
-  /// Frames before `frame` will not be made.
-  void forget_before(int frame);
+  /// A clean frame with what passes through. Pre: it comes after all that were made before.
+  Frame make(int frame);
   /// CPU time by step, per pixel and frame.
   std::string costs() const;
   /// What was done, and with what of the light.
@@ -79,17 +77,25 @@ class Denoiser {
     bool halves() const { return !b.empty(); }
     Planes mean() const;
   };
-  /// What is filtered by itself: all light, or the paths of one class.
+  /// The same while it waits.
+  struct PackedLight {
+    PackedLight() = default;
+    explicit PackedLight(const Light& light) : a(light.a), b(light.b), variance(light.variance) {}
+    PackedPlanes a, b, variance;
+    bool halves() const { return !b.empty(); }
+    bool is_zero() const { return a.is_zero() && b.is_zero(); }
+    Light light() const { return {a.planes(), b.planes(), variance.planes()}; }
+  };
+  /// What is averaged over time by itself: all light, that of the classes which one kind of surface scatters, or the rest.
   struct Part {
-    std::string name;  ///< of the class; "": what is of no class, or all light
-    std::size_t view;  ///< of the surface that sends it on
-    bool divide;       ///< whether that is one which scatters, so that light can be divided by its reflectance
+    std::vector<std::string> classes;  ///< empty: what is of no other part
+    std::size_t view;                  ///< of the surfaces that send it on
+    bool emits;                        ///< whether some of it comes from where there is no reflectance to divide it by
   };
   /// Surfaces that are seen, the first ones that scatter after chains of mirrors and glass; features of several chains add
   /// up to what reaches the camera.
   struct View {
-    Planes albedo, normal;
-    Planes divisor;  ///< reflectance, not too small
+    PackedPlanes albedo, normal;
   };
   /// Light that was held back, and all light.
   struct Held {
@@ -99,25 +105,28 @@ class Denoiser {
   struct Source {
     Surfaces surfaces;
     std::vector<View> views;
-    Planes emitter;            ///< 1 near what emits light: it has no reflectance that it could be divided by
-    std::vector<Light> light;  ///< of each part, divided where it can be
+    PackedPlanes emitter;            ///< 1 near what emits light: it has no reflectance that it could be divided by
+    std::vector<PackedLight> light;  ///< of each part, divided where it can be
     Held held;
   };
-  /// Squared errors of a part that is filtered divided by the reflectance, and of one that is filtered as it is.
+  /// Squared errors of the parts that are filtered apart, and of all light that is filtered together.
   struct Trial {
-    double divided = 0, whole = 0;
+    double apart = 0, together = 0;
   };
   struct Averaged {
-    std::vector<Light> light;
-    std::map<int, Track> tracks;                 ///< by frame
-    std::map<int, std::vector<Planes>> weights;  ///< of the frames around and the parts, by the noisy pictures
-    std::vector<View> views;                     ///< without noise
-    std::vector<Trial> trials;                   ///< of the parts
+    std::vector<PackedLight> light;                    ///< of the parts
+    std::map<int, std::vector<PackedPlanes>> weights;  ///< of the frames around and the parts, by the noisy pictures
+    Trial trial;
   };
-  struct Denoised {
-    std::vector<Light> light;    ///< divided by `factor`
-    std::vector<Planes> factor;  ///< that makes it radiance again
+  /// Parts that are filtered together, and what came of them.
+  struct Group {
+    std::vector<std::size_t> parts;
+    bool divided = false;
+    PackedLight light;    ///< divided by `factor`
+    PackedPlanes factor;  ///< that makes it radiance again
   };
+  using Denoised = std::vector<Group>;
+  using Tracks = std::map<int, Track>;  ///< by frame
 
   const Source& source(int frame);
   const Averaged& averaged(int frame);
@@ -125,42 +134,58 @@ class Denoiser {
   Source read(int frame);
   Averaged average(int frame);
   Denoised denoise(int frame);
-  /// What NL-means reads of a part of a frame, at the pixels of another one if there is a track.
+  /// Drops what no frame needs any more that is still to be made.
+  void forget();
+  /// Where the pixels of a frame are in those around.
+  Tracks tracks(int frame, int distance);
+  /// Features of the surfaces that parts are seen on together.
+  struct Features {
+    Planes albedo, normal;
+  };
+  Features features(const Source& source, const std::vector<std::size_t>& parts) const;
+  /// What light of parts together is divided by; empty: nothing.
+  Planes divisor(const Source& source, const std::vector<std::size_t>& parts) const;
+  /// Light of parts together, divided by their reflectance or not.
+  Light light_of(int frame, const std::vector<std::size_t>& parts, bool divided);
+  /// What NL-means reads of a group of a frame, at the pixels of another one if there is a track.
   struct Bundle {
     Light light;
     Planes valid, features;
   };
-  Bundle bundle(int frame, const Averaged& averaged, std::size_t part, bool divided, const Track* track);
-  NlMeansSettings nl_means_settings(const Averaged& averaged, std::size_t part, bool divided) const;
-  void denoise_nl_means(int frame, std::size_t part, Denoised& out);
-  void denoise_oidn(int frame, std::size_t part, Denoised& out);
+  Bundle bundle(int frame, const std::vector<std::size_t>& parts, bool divided, const Track* track);
+  NlMeansSettings nl_means_settings(const std::vector<std::size_t>& parts, bool divided) const;
+  void denoise_nl_means(int frame, Group& group);
+  void denoise_oidn(int frame, Group& group);
   /// Filters a few tiles both ways: the error is what each half, denoised by weights of the other, differs from that.
-  Trial try_both(int frame, const Averaged& averaged, std::size_t part);
-  /// Whether a part of a frame is to be filtered divided by the reflectance, by what was tried on it and those around.
-  bool is_divided(int frame, std::size_t part);
+  Trial try_both(int frame);
+  /// Whether the parts of a frame are to be filtered apart, by what was tried on it and those around.
+  bool is_apart(int frame);
+  std::vector<std::size_t> all_parts() const;
   /// That makes radiance of what was divided; `least`: it was divided by no less.
-  Planes factor(int frame, const Averaged& averaged, std::size_t part, float least);
+  Planes factor(const Source& source, const std::vector<std::size_t>& parts, const Planes& albedo, float least) const;
   FrameRange around(int frame, int distance) const;
-  /// Divides the light by `divisor`, if there is one, and finds the variance.
-  void prepare(Light& light, const Planes* divisor, const Planes& color_variance);
+  /// Finds the variance of light that is divided by `divisor`, if there is one.
+  void prepare(Light& light, const Planes& divisor, const Planes& color_variance) const;
   /// Factors of both halves that bring what outshines the other half around it by far down to it.
-  static std::array<Planes, 2> held_fireflies(const Light& light, Held& shares);
+  static std::array<Planes, 2> held_fireflies(const Light& light, const Planes& emitter, Held& shares);
   /// Adds the time since `start` to a step.
   void spent(const std::string& step, double start);
 
   StageRun& run_;
   const Settings& settings_;
   Available available_;
-  /// Chains (layers::chain_layer) that are seen together: all of them first; without any that is the first surface.
+  /// Chains (layers::chain_layer) that are seen together; of the first without any the first surface is seen.
   std::vector<std::vector<std::string>> views_;
   std::vector<Part> parts_;
   int radius_;
   std::shared_ptr<Oidn> oidn_;
   Recipe recipe_;
   bool hold_fireflies_;
+  bool thorough_ = false;  ///< whether Open Image Denoise takes the time for its best
   std::map<int, Source> sources_;
   std::map<int, Averaged> averaged_;
   std::map<int, Denoised> denoised_;
+  int making_ = 0;
   std::map<std::string, double> seconds_;
   int frames_ = 0;
   std::int64_t damaged_ = 0;  ///< values that were not finite

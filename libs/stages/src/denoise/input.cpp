@@ -39,7 +39,8 @@ std::optional<int> samples_of(const Metadata& metadata) {
   return n ? std::optional(*n) : std::nullopt;
 }
 
-InputFrame::InputFrame(StageRun& run, int frame) : run_(run), number_(frame), frame_(run.read(frame)) {}
+InputFrame::InputFrame(StageRun& run, int frame, const std::function<bool(const LayerDesc&)>& wanted)
+    : run_(run), number_(frame), frame_(run.read(frame, 0, wanted)) {}
 
 const Image* InputFrame::image(const LayerDesc& layer, int channels) const {
   if (!run_.in()[0].has(layer)) return nullptr;
@@ -62,17 +63,22 @@ Planes InputFrame::planes(const LayerDesc& layer, int channels) {
   return out;
 }
 
+Planes InputFrame::take(const LayerDesc& layer, int channels) {
+  Planes out = planes(layer, channels);
+  if (frame_.has(layer.name)) frame_.remove(layer.name);
+  return out;
+}
+
 Planes InputFrame::vectors(const LayerDesc& layer) const {
   const Image* motion = image(layer, 2);
   if (!motion) return {};
-  Planes out(motion->width(), motion->height(), 3);
-  const int valid = motion->channels() >= 4 ? 3 : -1;  // files of others do not say
+  Planes out(motion->width(), motion->height(), 2);
+  const int valid = motion->channels() >= 4 ? 3 : -1;  // files of others do not say what is valid
   for_rows(out.height(), [&](int y) {
     for (int x = 0; x < out.width(); ++x) {
       const float* p = motion->pixel(x, y);
-      const bool known = std::isfinite(p[0]) && std::isfinite(p[1]);
-      out.row(0, y)[x] = known ? p[0] : 0, out.row(1, y)[x] = known ? p[1] : 0;
-      out.row(2, y)[x] = known && (valid < 0 || p[valid] > 0) ? 1.0f : 0.0f;
+      const bool known = std::isfinite(p[0]) && std::isfinite(p[1]) && (valid < 0 || p[valid] > 0);
+      for (int c = 0; c < 2; ++c) out.row(c, y)[x] = known ? p[c] : kNowhere;
     }
   });
   return out;

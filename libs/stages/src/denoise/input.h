@@ -3,6 +3,7 @@
 // Frames of the input as planes, and what classes and chains there are to work with. Private to the denoiser.
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -36,13 +37,15 @@ struct ChainView {
 /// The layers of a frame.
 class InputFrame {
  public:
-  /// Errors: those of StageRun::read.
-  InputFrame(StageRun& run, int frame);
+  /// `wanted`: of the layers that the stage reads; none: all. Errors: those of StageRun::read.
+  InputFrame(StageRun& run, int frame, const std::function<bool(const LayerDesc&)>& wanted = {});
   const Metadata& metadata() const { return frame_.metadata; }
   /// The first channels of a layer, 0 where they are not finite or beyond 1e14; empty if the sequence lacks the layer.
   /// Errors: Error{kBadInput} if the sequence has the layer, and this frame has not or with fewer channels.
   Planes planes(const LayerDesc& layer, int channels);
-  /// Motion vectors: x, y, and 1 where they are valid. Errors: as planes.
+  /// The same of a layer that is not looked at again.
+  Planes take(const LayerDesc& layer, int channels);
+  /// Motion vectors x, y, as Surfaces has them. Errors: as planes.
   Planes vectors(const LayerDesc& layer) const;
   /// Errors: as planes.
   ChainView chains(std::span<const std::string> chains);

@@ -19,6 +19,8 @@ using Device = struct OpaqueDevice*;
 using Filter = struct OpaqueFilter*;
 constexpr int kDeviceCpu = 1, kFormatFloat3 = 3, kQualityBalanced = 5, kQualityHigh = 6;
 
+constexpr int kMemory = 400;  ///< megabytes that it may take, beyond which it works in tiles
+
 constexpr const char* kDefaultLibrary = "libOpenImageDenoise.so.2";
 
 /// Where the library lies that came with the program or was put beside it: PREFIX/lib for PREFIX/bin/tempera.
@@ -107,8 +109,8 @@ struct Oidn::Library {
   };
 
   /// Images of a filter keep their place, so that it need not be prepared for every frame.
-  Prepared& prepared(const std::string& kind, const std::vector<std::string>& names, int width, int height) {
-    Prepared& p = filters[fmt::format("{} {} {}", kind, width, height)];
+  Prepared& prepared(const std::vector<std::string>& names, bool thorough, int width, int height) {
+    Prepared& p = filters[fmt::format("{} {} {} {}", fmt::join(names, " "), thorough, width, height)];
     if (p.handle) return p;
     p.handle = new_filter(device, "RT");
     check();
@@ -121,17 +123,18 @@ struct Oidn::Library {
     const bool color = names.front() == "color";
     if (color) set_bool(p.handle, "hdr", true);
     if (color && names.size() > 1) set_bool(p.handle, "cleanAux", true);
-    set_int(p.handle, "quality", color ? kQualityHigh : kQualityBalanced);
+    set_int(p.handle, "maxMemoryMB", kMemory);
+    set_int(p.handle, "quality", thorough ? kQualityHigh : kQualityBalanced);
     commit_filter(p.handle);
     check();
     return p;
   }
 
-  Planes run(const std::string& kind, const std::vector<std::pair<std::string, const Planes*>>& inputs) {
+  Planes run(const std::vector<std::pair<std::string, const Planes*>>& inputs, bool thorough) {
     std::vector<std::string> names;
     for (const auto& [name, planes] : inputs) names.push_back(name);
     const Planes& first = *inputs.front().second;
-    Prepared& p = prepared(kind, names, first.width(), first.height());
+    Prepared& p = prepared(names, thorough, first.width(), first.height());
     for (const auto& [name, planes] : inputs) {
       const Image from = planes->image();
       std::copy(from.values().begin(), from.values().end(), p.images[name].values().begin());
@@ -166,16 +169,16 @@ Oidn::~Oidn() = default;
 
 const std::string& Oidn::version() const { return library_->version; }
 
-Planes Oidn::denoise(const Planes& color, const Planes& albedo, const Planes& normal) {
+Planes Oidn::denoise(const Planes& color, const Planes& albedo, const Planes& normal, bool thorough) {
   std::vector<std::pair<std::string, const Planes*>> inputs{{"color", &color}};
   // The library takes a normal only beside an albedo.
   if (!albedo.empty()) inputs.emplace_back("albedo", &albedo);
   if (!albedo.empty() && !normal.empty()) inputs.emplace_back("normal", &normal);
-  return library_->run(fmt::format("color with {} features", inputs.size() - 1), inputs);
+  return library_->run(inputs, thorough);
 }
 
 Planes Oidn::prefilter(const std::string& name, const Planes& feature) {
-  return library_->run("prefilter " + name, {{name, &feature}});
+  return library_->run({{name, &feature}}, false);
 }
 
 }  // namespace tempera::denoise

@@ -20,7 +20,8 @@ class Oidn {
 
   const std::string& version() const;  ///< "2.5.1"
   /// Denoises [h,w,3]. `color`: radiance from 0 on. `albedo` in [0,1] and `normal` in [-1,1]: features without noise.
-  Planes denoise(const Planes& color, const Planes& albedo, const Planes& normal);
+  /// `thorough`: with the larger network, which takes more than twice the time.
+  Planes denoise(const Planes& color, const Planes& albedo, const Planes& normal, bool thorough);
   /// Denoises a feature alone. `name`: "albedo" or "normal".
   Planes prefilter(const std::string& name, const Planes& feature);
 

@@ -46,6 +46,44 @@ Image Planes::image() const {
   return out;
 }
 
+PackedPlanes::PackedPlanes(const Planes& planes)
+    : width_(planes.width()), height_(planes.height()), data_(std::size_t(planes.channels())) {
+  parallel_for(0, planes.channels(), [&](std::int64_t c) {
+    const float* from = planes.plane(int(c));
+    const std::size_t n = planes.pixels();
+    if (std::all_of(from, from + n, [](float v) { return v == 0; })) return;
+    std::vector<std::uint16_t>& to = data_[std::size_t(c)];
+    to.resize(n);
+    for (std::size_t i = 0; i < n; ++i) {
+      const std::uint32_t bits = std::bit_cast<std::uint32_t>(from[i]);
+      const std::int32_t size = std::int32_t((bits & 0x7fffffffu) + 0x2000u) - std::int32_t(kLeast);
+      to[i] = std::uint16_t(std::clamp(size >> 14, 0, 0x7fff) | std::int32_t(bits >> 31 << 15));
+    }
+  });
+}
+
+bool PackedPlanes::is_zero() const {
+  return std::all_of(data_.begin(), data_.end(), [](const auto& plane) { return plane.empty(); });
+}
+
+void PackedPlanes::decode_row(int c, int y, float* to) const {
+  const std::vector<std::uint16_t>& plane = data_[std::size_t(c)];
+  if (plane.empty()) {
+    std::fill_n(to, width_, 0.0f);
+    return;
+  }
+  const std::uint16_t* from = plane.data() + std::size_t(y) * std::size_t(width_);
+  for (int x = 0; x < width_; ++x) to[x] = decode(from[x]);
+}
+
+Planes PackedPlanes::planes() const {
+  Planes out(width_, height_, channels());
+  for (int c = 0; c < channels(); ++c) {
+    if (!data_[std::size_t(c)].empty()) for_rows(height_, [&](int y) { decode_row(c, y, out.row(c, y)); });
+  }
+  return out;
+}
+
 void for_rows(int height, const std::function<void(int y)>& body) {
   parallel_for(
       0, height, [&](std::int64_t y) { body(int(y)); }, 8);

@@ -2,6 +2,7 @@
 #pragma once
 // Pictures as planes of single channels, which is what filters loop over, and the loops that they share. Private to the
 // denoiser.
+#include <bit>
 #include <cstdint>
 #include <functional>
 #include <vector>
@@ -40,6 +41,34 @@ class Planes {
  private:
   int width_ = 0, height_ = 0, channels_ = 0;
   std::vector<float> data_;
+};
+
+/// The same in 16 bits a value, for planes that wait: a sign, 6 bits of exponent and 9 of mantissa. The error is below
+/// 2^-10 of a value; what is below 2^-32 is 0, above 2^32 that. Planes of zeros alone take no room.
+class PackedPlanes {
+ public:
+  PackedPlanes() = default;
+  explicit PackedPlanes(const Planes& planes);
+  int width() const { return width_; }
+  int height() const { return height_; }
+  int channels() const { return int(data_.size()); }
+  bool empty() const { return data_.empty(); }
+  bool is_zero() const;
+  float at(int c, int y, int x) const {
+    const std::vector<std::uint16_t>& plane = data_[std::size_t(c)];
+    return plane.empty() ? 0.0f : decode(plane[std::size_t(y) * std::size_t(width_) + std::size_t(x)]);
+  }
+  void decode_row(int c, int y, float* to) const;
+  Planes planes() const;
+
+ private:
+  static float decode(std::uint32_t code) {
+    const std::uint32_t size = code & 0x7fffu;
+    return std::bit_cast<float>(size == 0 ? 0u : (code & 0x8000u) << 16 | ((size << 14) + kLeast));
+  }
+  static constexpr std::uint32_t kLeast = 95u << 23;  ///< 2^-32 as bits of a float
+  int width_ = 0, height_ = 0;
+  std::vector<std::vector<std::uint16_t>> data_;  ///< by channel
 };
 
 /// Calls body(y) for all rows, in parallel.

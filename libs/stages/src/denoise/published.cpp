@@ -82,8 +82,9 @@ std::vector<std::string> notes_of(const char* how, std::int64_t damaged) {
 
 FrameByFrame::FrameByFrame(StageRun& run) : run_(run), available_(run.in()[0].layers) {}
 
-void FrameByFrame::make(int frame, Frame& out) {
+Frame FrameByFrame::make(int frame) {
   run_.check_stop();
+  Frame out = run_.start(frame);
   InputFrame in(run_, frame);
   const int samples = samples_of(in.metadata()).value_or(kUnknownSamples);
   Planes color = in.planes(layers::color(), 3), b, variance;
@@ -104,6 +105,7 @@ void FrameByFrame::make(int frame, Frame& out) {
   }
   damaged_ += in.damaged();
   write_color(rmz13({color, b, variance, features}).color, out);
+  return out;
 }
 
 std::vector<std::string> FrameByFrame::notes() const {
@@ -186,8 +188,6 @@ const Decomposed::Source& Decomposed::source(int frame) {
   return it->second;
 }
 
-void Decomposed::forget_before(int frame) { sources_.erase(sources_.begin(), sources_.lower_bound(frame - 1)); }
-
 Decomposed::Source Decomposed::read(int frame) {
   run_.check_stop();
   InputFrame in(run_, frame);
@@ -198,7 +198,8 @@ Decomposed::Source Decomposed::read(int frame) {
   out.surfaces.forward = in.vectors(layers::motion_forward());
   out.surfaces.backward = in.vectors(layers::motion_backward());
   out.surfaces.id = in.planes(layers::object_id(), 1);
-  out.surfaces.normal = in.planes(layers::normal(), 3);
+  const Planes first_normal = in.planes(layers::normal(), 3);
+  out.surfaces.normal = PackedPlanes(first_normal);
 
   std::vector<Planes> albedo;
   std::vector<FeatureStack> features;  // of the views
@@ -207,7 +208,7 @@ Decomposed::Source Decomposed::read(int frame) {
     Planes id;
     if (v == 0) {
       albedo.push_back(in.planes(layers::albedo(), 3));
-      if (!out.surfaces.normal.empty()) add_feature(stack, scaled_normals(out.surfaces.normal), samples);
+      if (!first_normal.empty()) add_feature(stack, scaled_normals(first_normal), samples);
       id = out.surfaces.id;
     } else {
       ChainView seen = in.chains(views_[v]);
@@ -296,7 +297,9 @@ Decomposed::Source Decomposed::read(int frame) {
   return out;
 }
 
-void Decomposed::make(int frame, Frame& out) {
+Frame Decomposed::make(int frame) {
+  sources_.erase(sources_.begin(), sources_.lower_bound(frame - 1));  // frames are made in ascending order
+  Frame out = run_.start(frame);
   const int radius = available_.motion && settings_.radius > 0 ? 1 : 0;
   const FrameRange range = shot_around(frame, radius, run_.in()[0].reach, settings_.cuts);
   for (int f = range.first; f <= range.last; ++f) source(f);
@@ -387,6 +390,7 @@ void Decomposed::make(int frame, Frame& out) {
     }
   }
   write_color(sum, out);
+  return out;
 }
 
 std::vector<std::string> Decomposed::notes() const {

@@ -15,9 +15,8 @@ namespace tempera::denoise {
 class FrameByFrame {
  public:
   explicit FrameByFrame(StageRun& run);
-  void forget_before(int /*frame*/) {}
   /// Fills `color` of a frame that has what passes through.
-  void make(int frame, Frame& out);
+  Frame make(int frame);
   std::string costs() const { return ""; }
   std::vector<std::string> notes() const;
 
@@ -32,8 +31,7 @@ class Decomposed {
  public:
   Decomposed(StageRun& run, const Settings& settings);
   /// Frames before `frame` will not be made.
-  void forget_before(int frame);
-  void make(int frame, Frame& out);
+  Frame make(int frame);
   std::string costs() const { return ""; }
   std::vector<std::string> notes() const;
 

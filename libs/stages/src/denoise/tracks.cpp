@@ -40,20 +40,20 @@ Track follow(int from, int to, const std::function<const Surfaces&(int)>& surfac
         const int ix = int(px[x] + 0.5f), iy = int(py[x] + 0.5f);
         const float mx = onward.row(0, iy)[ix], my = onward.row(1, iy)[ix];
         const float nx = px[x] + mx, ny = py[x] + my;
-        bool ok = onward.row(2, iy)[ix] > 0 && nx >= 0 && ny >= 0 && nx <= float(width - 1) && ny <= float(height - 1);
+        bool ok = nx >= 0 && ny >= 0 && nx <= float(width - 1) && ny <= float(height - 1);
         if (ok) {
           const int jx = int(nx + 0.5f), jy = int(ny + 0.5f);
           if (!there.id.empty() && !first.id.empty()) ok = there.id.row(0, jy)[jx] == first.id.row(0, y)[x];
           if (ok && !back.empty()) {
             const float bx = back.row(0, jy)[jx], by = back.row(1, jy)[jx];
             const float gap = (mx + bx) * (mx + bx) + (my + by) * (my + by);
-            ok = back.row(2, jy)[jx] > 0 && gap <= 0.01f * (mx * mx + my * my + bx * bx + by * by) + 0.5f;
+            ok = gap <= 0.01f * (mx * mx + my * my + bx * bx + by * by) + 0.5f;
           }
           if (ok && !there.normal.empty() && !first.normal.empty()) {
             float product = 0, square = 0;
             for (int c = 0; c < 3; ++c) {
-              const float n = first.normal.row(c, y)[x];
-              product += n * there.normal.row(c, jy)[jx], square += n * n;
+              const float n = first.normal.at(c, y, x);
+              product += n * there.normal.at(c, jy, jx), square += n * n;
             }
             ok = square == 0 || product > 0.8f * square;
           }
@@ -75,6 +75,18 @@ Planes gather_nearest(const Planes& in, const Track& track) {
       for (int x = 0; x < in.width(); ++x) {
         to[x] = valid[x] * from[std::size_t(int(py[x] + 0.5f)) * std::size_t(in.width()) + std::size_t(px[x] + 0.5f)];
       }
+    }
+  });
+  return out;
+}
+
+Planes gather_nearest(const PackedPlanes& in, const Track& track) {
+  Planes out(in.width(), in.height(), in.channels());
+  for_rows(in.height(), [&](int y) {
+    const float *px = track.place.row(0, y), *py = track.place.row(1, y), *valid = track.valid.row(0, y);
+    for (int c = 0; c < in.channels(); ++c) {
+      float* to = out.row(c, y);
+      for (int x = 0; x < in.width(); ++x) to[x] = valid[x] * in.at(c, int(py[x] + 0.5f), int(px[x] + 0.5f));
     }
   });
   return out;

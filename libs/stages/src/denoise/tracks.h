@@ -8,11 +8,13 @@
 
 namespace tempera::denoise {
 
+constexpr float kNowhere = 1e9f;  ///< the vector of what is not seen in the other frame
+
 /// What is known of the surfaces of a frame.
 struct Surfaces {
-  Planes forward, backward;  ///< motion vectors x, y, valid; empty: none
+  Planes forward, backward;  ///< motion vectors x, y, both kNowhere where there is none; empty: none at all
   Planes id;                 ///< empty: none
-  Planes normal;             ///< empty: none
+  PackedPlanes normal;       ///< empty: none
 };
 
 /// For each pixel of a frame, its place in another one.
@@ -30,6 +32,7 @@ Track follow(int from, int to, const std::function<const Surfaces&(int)>& surfac
 
 /// Values at the nearest pixel of each place; 0 where it is not valid.
 Planes gather_nearest(const Planes& in, const Track& track);
+Planes gather_nearest(const PackedPlanes& in, const Track& track);
 /// Catmull-Rom interpolation at each place; 0 where it is not valid.
 Planes gather_smooth(const Planes& in, const Track& track);
 

@@ -64,9 +64,9 @@ class StageRun {
   /// Frames to make, in ascending order.
   const std::vector<int>& frames() const { return frames_; }
   std::string path(int frame, int port = 0) const { return files_[port].path(frame); }
-  /// The layers of a frame that the stage declares, as far as its file has them, with its metadata. Pre: it is among
-  /// the declared inputs. Errors: Error{kBadInput} for another size or a missing layer; those of read_frame.
-  Frame read(int frame, int port = 0) const;
+  /// The layers of a frame that the stage declares, as far as its file has them and they are `wanted` (none: all), with
+  /// its metadata. Pre: it is among the declared inputs. Errors: Error{kBadInput} for another size or a missing layer; those of read_frame.
+  Frame read(int frame, int port = 0, const std::function<bool(const LayerDesc&)>& wanted = {}) const;
   /// A frame to fill: with what passes through, which is the metadata and those layers of frame `frame` of the first
   /// port that the stage's output has, too; without layers where the output is of another size, and empty where the
   /// first port has no such frame.

@@ -29,6 +29,29 @@ TEST(DenoisePlanes, BoxMeanIsThatOfThePixelsThatAreThere) {
   }
 }
 
+TEST(DenoisePlanes, PackedValuesKeepTheirSizeAndSign) {
+  const Planes in = picture(62, 9, 2, [](int x, int y, int c) {
+    return c == 1 ? 0.0f : std::ldexp(1 + float(y) / 9, x - 31) * (x % 2 ? -1.0f : 1.0f);
+  });
+  const PackedPlanes packed(in);
+  EXPECT_FALSE(packed.is_zero());
+  const Planes out = packed.planes();
+  ASSERT_EQ(out.channels(), 2);
+  for (std::size_t i = 0; i < in.values().size(); ++i)
+    ASSERT_NEAR(out.values()[i], in.values()[i], std::abs(in.values()[i]) * 0x1p-10f) << i;
+  EXPECT_EQ(packed.at(0, 5, 40), out.row(0, 5)[40]);
+  EXPECT_EQ(packed.at(1, 5, 40), 0);
+  const Planes ends = PackedPlanes(picture(4, 1, 1, [](int x, int, int) {
+                        return x == 0 ? 1e-20f : x == 1 ? -1e-20f : x == 2 ? 1e30f : -INFINITY;
+                      })).planes();
+  EXPECT_EQ(ends.row(0, 0)[0], 0);
+  EXPECT_EQ(ends.row(0, 0)[1], 0);
+  EXPECT_NEAR(ends.row(0, 0)[2] / 0x1p32f, 1, 1e-3) << "the largest that there is";
+  EXPECT_NEAR(ends.row(0, 0)[3] / -0x1p32f, 1, 1e-3);
+  EXPECT_TRUE(PackedPlanes(Planes(5, 4, 3)).is_zero());
+  EXPECT_EQ(PackedPlanes(Planes(5, 4, 3)).planes().values(), Planes(5, 4, 3).values());
+}
+
 TEST(DenoisePlanes, HalvesTellTheVarianceOfTheirMean) {
   const float sigma = 0.3f;
   const auto half = [&](std::uint64_t seed) {
@@ -107,13 +130,17 @@ TEST(NlMeans, SameBitsForAnyThreadsAndTilesOfATrialAreThoseOfTheWhole) {
   EXPECT_LT(tried, 150 * 70 / 2);
 }
 
+PackedPlanes facing(int width, int height, float z) {
+  return PackedPlanes(picture(width, height, 3, [&](int, int, int c) { return c == 2 ? z : 0.0f; }));
+}
+
 /// A picture that moves by (2, 1) pixels a frame, with an object in columns from `edge` on.
-Surfaces moving(int width, int height, float valid = 1) {
+Surfaces moving(int width, int height, bool valid = true) {
   Surfaces s;
-  s.forward = picture(width, height, 3, [&](int, int, int c) { return c == 0 ? 2.0f : c == 1 ? 1.0f : valid; });
-  s.backward = picture(width, height, 3, [&](int, int, int c) { return c == 0 ? -2.0f : c == 1 ? -1.0f : valid; });
+  s.forward = picture(width, height, 2, [&](int, int, int c) { return valid ? c == 0 ? 2.0f : 1.0f : kNowhere; });
+  s.backward = picture(width, height, 2, [&](int, int, int c) { return valid ? c == 0 ? -2.0f : -1.0f : kNowhere; });
   s.id = Planes(width, height, 1, 3);
-  s.normal = picture(width, height, 3, [](int, int, int c) { return c == 2 ? 1.0f : 0.0f; });
+  s.normal = facing(width, height, 1);
   return s;
 }
 
@@ -133,11 +160,11 @@ TEST(Tracks, FollowVectorsOverSeveralFrames) {
 
   frames[2].id.row(0, 6)[7] = 4;  // another object on the way
   EXPECT_EQ(follow(3, 1, surfaces).valid.row(0, 7)[9], 0);
-  frames[2] = moving(20, 12), frames[1].normal.row(2, 5)[5] = -1;
+  frames[2] = moving(20, 12), frames[1].normal = facing(20, 12, -1);
   EXPECT_EQ(follow(3, 1, surfaces).valid.row(0, 7)[9], 0) << "another side of it";
   frames[1] = moving(20, 12), frames[1].forward.row(0, 5)[5] = 9;
   EXPECT_EQ(follow(3, 1, surfaces).valid.row(0, 7)[9], 0) << "nothing leads back";
-  frames[1] = moving(20, 12), frames[2] = moving(20, 12, 0);
+  frames[1] = moving(20, 12), frames[2] = moving(20, 12, false);
   const Track cut = follow(3, 1, surfaces);
   for (const float v : cut.valid.values()) EXPECT_EQ(v, 0) << "vectors that are not valid: a cut";
   EXPECT_TRUE(follow(3, 1, [&](int) -> const Surfaces& {
