@@ -205,9 +205,9 @@ TEST_F(AovFile, BlendersDenoisingData) {
   EXPECT_EQ(f.desc("normal").unit, "unit vector, camera space");
   EXPECT_EQ(f.layer("albedo").rgb(1, 0), (Rgb{22, 23, 24}));
 
-  write_channels(path("g.exr"), {"A.Combined.R", "A.Combined.G", "A.Combined.B", "A.Denoising Normal.X",
-                                 "A.Denoising Normal.Y", "A.Denoising Normal.Z", "A.Normal.X", "A.Normal.Y",
-                                 "A.Normal.Z"});
+  write_channels(path("g.exr"),
+                 {"A.Combined.R", "A.Combined.G", "A.Combined.B", "A.Denoising Normal.X", "A.Denoising Normal.Y",
+                  "A.Denoising Normal.Z", "A.Normal.X", "A.Normal.Y", "A.Normal.Z"});
   const Frame g = read_frame(path("g.exr"));
   EXPECT_EQ(g.layer("normal").vec3(0, 0), (Vec3f{7, 9, -8})) << "normals in world space are better";
   EXPECT_EQ(g.desc("normal"), layers::normal());

@@ -77,7 +77,8 @@ class Denoise final : public Stage {
         out.push_back({layers::chain_layer(chain, d), false});
       if (published) out.push_back({layers::chain_layer(chain, layers::object_id()), false});
     }
-    if (published || settings_.recipe == denoise::Recipe::kComponents) {
+    const bool automatic = settings_.recipe == denoise::Recipe::kAuto && settings_.method != denoise::Method::kNlMeans;
+    if (published || settings_.recipe == denoise::Recipe::kComponents || automatic) {
       for (const std::string& name : available.classes) {
         for (const LayerDesc& d : {layers::color(), layers::color_a(), layers::color_b()})
           out.push_back({layers::class_layer(name, d), false});
@@ -193,7 +194,7 @@ const StageEntry denoise_entry{
               {{"albedo", "normal", "emission", "object_id"}, "what is seen, without noise"},
               {{"motion.forward", "motion.backward"}, "needed together, for averages over time"},
               {{"class.*"},
-                "light by class of paths, with the halves of each, of a decomposition, for recipe components"},
+               "light by class of paths, with the halves of each, of a decomposition, as the recipe needs them"},
               {{"chain.*"},
                "`albedo` and `normal` of what is seen in mirrors and behind glass, by their letters; `object_id` for "
                "method published"},

@@ -25,9 +25,11 @@ constexpr int kFireflyRadius = 7;     ///< around which they are counted
 constexpr float kFireflyShare = 0.015f;  ///< of the pixels there, from which on they begin to count as light
 constexpr int kVarianceRadius = 3;
 constexpr int kFew = 16;        ///< samples per pixel, up to which halves are too noisy to be denoised apart
+constexpr int kSome = 32;       ///< from which on classes may be filtered apart
 constexpr int kMany = 64;       ///< from which on the larger network costs less than the samples that it saves
 constexpr int kTrialTiles = 8;  ///< one tile of so many is tried, in large pictures
 constexpr int kTrialWindow = 5;
+constexpr double kApartGain = 0.99;  ///< parts that are filtered apart must gain more than chance, for twice the time
 
 /// CPU time of all threads: what a step costs on one core, whatever else the machine does.
 double cpu_seconds() { return double(std::clock()) / CLOCKS_PER_SEC; }
@@ -146,7 +148,11 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
     if (there && c.chains == std::vector<std::string>{"D"}) scattered.push_back(c.name);
   }
   const int samples = samples_of(metadata).value_or(kMany);
-  if (recipe_ == Recipe::kAuto) recipe_ = !available_.halves || samples <= kFew ? Recipe::kSingle : Recipe::kHalves;
+  if (recipe_ == Recipe::kAuto) {
+    recipe_ = !available_.halves || samples <= kFew             ? Recipe::kSingle
+              : oidn_ && !scattered.empty() && samples >= kSome ? Recipe::kComponents
+                                                                : Recipe::kHalves;
+  }
   thorough_ = samples >= kMany;
   if (recipe_ == Recipe::kComponents && scattered.empty()) {
     log_info(
@@ -638,7 +644,7 @@ bool Denoiser::is_apart(int frame) {
     const Trial& trial = averaged(f).trial;
     sum.apart += trial.apart, sum.together += trial.together;
   }
-  return sum.apart < sum.together;
+  return sum.apart < kApartGain * sum.together;
 }
 
 Planes Denoiser::factor(const Source& source, const std::vector<std::size_t>& parts, const Planes& albedo,

@@ -315,7 +315,7 @@ TEST_F(Denoise, ManyFirefliesAreTheLightThatThereIs) {
 
 // The edge of a pane: nothing is seen behind it, and its own reflectance of 1 says nothing of the light.
 TEST_F(Denoise, WhereNoChainEndsItIsDark) {
-  const Shot shot{.last = 3, .spp = 8};
+  const Shot shot{.last = 3, .spp = 8, .noise = 1};
   for (int f = 1; f <= 3; ++f) {
     Frame frame = make(shot, f);
     const LayerDesc albedo = layers::chain_layer("TTD", layers::albedo());
@@ -648,6 +648,20 @@ TEST_F(DenoiseOidn, MustBeThereInTheVersionThatIsAskedFor) {
   setenv("TEMPERA_OIDN_STUB_VERSION", "30000", 1);
   EXPECT_NE(refusal(stub_).find("3.0.0"), std::string::npos);
   error_of([&] { run(in, "out", {{"oidn", TEMPERA_OIDN_STUB}}); }, ErrorCode::kUsage);
+}
+
+// The recipe goes by samples, method and layers.
+TEST_F(DenoiseOidn, RecipesFitTheSamples) {
+  const auto recipe = [&](int spp, bool classes, const Flags& flags) {
+    return run(write("in", {.last = 2, .spp = spp, .classes = classes}), "out", flags).notes[0];
+  };
+  const auto ends_with = [](const std::string& text, const char* end) { return text.ends_with(end); };
+  EXPECT_PRED2(ends_with, recipe(16, true, stub_), "all samples together");
+  EXPECT_PRED2(ends_with, recipe(17, true, stub_), "halves of the samples");
+  EXPECT_PRED2(ends_with, recipe(32, true, stub_), "by class of light paths");
+  EXPECT_PRED2(ends_with, recipe(32, false, stub_), "halves of the samples");
+  EXPECT_PRED2(ends_with, recipe(8, true, {}), "all samples together");
+  EXPECT_PRED2(ends_with, recipe(128, true, {}), "halves of the samples");
 }
 
 TEST_F(DenoiseOidn, AutoTakesItWhereItIs) {
