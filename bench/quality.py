@@ -48,6 +48,7 @@ rendered with. The error of the default sampler of other scenes (scrambled Sobol
 example shows more than a factor of 4.
 """
 import argparse
+import dataclasses
 import json
 import math
 import os
@@ -447,46 +448,70 @@ def title_of(metric, title, unit):
     return title + (f" [{unit}]" if unit else "")
 
 
-def seconds_of_seeds(bench, method, spp, folder, seeds, first=None):
-    """Seconds of a run with each seed, to folder/<seed>. `first`: of the first one, where it is there already."""
-    seconds = []
-    for seed in range(1, seeds + 1):
-        seconds.append(first if first and seed == 1 else bench.run(method, spp, seed, folder / str(seed)))
-        print(f"  {method.label}, seed {seed}: {spp} samples, {seconds[-1]:.2f} s", flush=True)
-    return seconds
+@dataclasses.dataclass
+class Timed:
+    """A method with as many samples as fit into the time of all."""
+    method: Method
+    folder: pathlib.Path
+    spp: int
+    calibrated: bool  # whether it has to keep to that time
+    seconds: list  # of the runs of each seed, which are in folder/<seed>
+    over: float = 0  # part of the time of all that it takes more
+
+    @property
+    def refused(self):
+        return self.calibrated and self.over > TOLERANCE - 1
+
+
+def timed_runs(bench, methods, args, samples):
+    """Runs the methods with all seeds, at the time of `samples` of the first one, or of args.time. Seeds are run in turn
+    for all methods, so that what else the machine does slows them alike."""
+    def run(t, seed):
+        t.seconds.append(bench.run(t.method, t.spp, seed, t.folder / str(seed)))
+        print(f"  {t.method.label}, seed {seed}: {t.spp} samples, {t.seconds[-1]:.2f} s", flush=True)
+
+    def compare(t):
+        t.over = statistics.fmean(t.seconds) / target - 1
+
+    target, all_timed = args.time, []
+    for i, m in enumerate(methods):
+        is_base = samples is not None and i == 0
+        calibrated = not is_base and m.wanted_spp is None
+        t = Timed(m, bench.work / f"{i}_{m.name}", samples if is_base else m.wanted_spp, calibrated, [])
+        all_timed.append(t)
+        if calibrated:
+            t.spp, seconds = bench.calibrate(m, target, t.folder / "1", start=samples * 2 // 3 if samples else 4)
+            t.seconds = [seconds]
+            compare(t)
+        else:
+            run(t, 1)
+        if is_base:
+            target = t.seconds[0]
+    for seed in range(2, args.seeds + 1):
+        for t in all_timed:
+            if not t.refused:
+                run(t, seed)
+    if samples:
+        target = statistics.fmean(all_timed[0].seconds)
+        print(f"  {methods[0].label}: {samples} samples take {target:.2f} s, the time of all", flush=True)
+    for t in all_timed:
+        compare(t)
+        while t.refused and t.spp > t.method.least_spp():  # the seed that was calibrated was a quick one
+            t.spp, t.seconds = max(t.method.least_spp(), min(t.spp - 1, int(t.spp / (1 + t.over)))), []
+            for seed in range(1, args.seeds + 1):
+                run(t, seed)
+            compare(t)
+    return all_timed
 
 
 def equal_time(bench, methods, args, samples=None):
     """Figures of all methods at equal time: that of `samples` of the first method, or args.time."""
-    target, results = args.time, []
-    for i, m in enumerate(methods):
-        folder, least = bench.work / f"{i}_{m.name}", m.least_spp()
-        is_base = samples is not None and i == 0
-        spp, first = samples if is_base else m.wanted_spp, None
-        calibrated = spp is None
-        if calibrated:
-            spp, first = bench.calibrate(m, target, folder / "1", start=samples * 2 // 3 if samples else 4)
-        seconds, over = [first], 0
-        if not calibrated or first <= TOLERANCE * target:
-            seconds = seconds_of_seeds(bench, m, spp, folder, args.seeds, first)
-        if calibrated:
-            over = statistics.fmean(seconds) / target - 1
-            for _ in range(2):  # the seed that was calibrated may have been a quick one
-                if over <= TOLERANCE - 1 or spp <= least:
-                    break
-                spp = max(least, min(spp - 1, int(spp / (1 + over))))
-                seconds = seconds_of_seeds(bench, m, spp, folder, args.seeds)
-                over = statistics.fmean(seconds) / target - 1
-        if is_base:
-            target = statistics.fmean(seconds)
-            print(f"  {m.label}: {samples} samples take {target:.2f} s, the time of all", flush=True)
-        refused = over > TOLERANCE - 1
-        if refused:
-            print(f"  {m.label}: refused, {spp} samples take {100 * over:.0f} % longer than {target:.2f} s", flush=True)
-        figures = [bench.measure(folder / str(s), bench.metrics) for s in range(1, args.seeds + 1) if not refused]
-        shutil.rmtree(folder, ignore_errors=True)
-        results.append({"method": m.label, "spp": spp, "seconds": seconds, "figures": figures, "over": over,
-                        "refused": refused})
+    results = []
+    for t in timed_runs(bench, methods, args, samples):
+        figures = [] if t.refused else [bench.measure(t.folder / str(s), bench.metrics) for s in range(1, args.seeds + 1)]
+        shutil.rmtree(t.folder, ignore_errors=True)
+        results.append({"method": t.method.label, "spp": t.spp, "seconds": t.seconds, "figures": figures, "over": t.over,
+                        "refused": t.refused})
     first = results[0]
     print(f"\n{'method':44} {'spp':>6} {'seconds':>9}")
     for r in results:

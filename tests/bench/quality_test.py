@@ -194,6 +194,12 @@ class EqualTime(unittest.TestCase):
         r, _, text = self.compare(6.9, 1, 8)  # 8.9 s
         self.assertFalse(r["refused"], text)
 
+    def test_seeds_are_run_in_turn(self):
+        r, runs, _ = self.compare(2, 1.5, 8)
+        last = [("path", 8, 2), ("path+denoise", r["spp"], 2), ("path", 8, 3), ("path+denoise", r["spp"], 3)]
+        self.assertEqual(runs[-4:], last)
+        self.assertEqual(sum(seed == 1 and name == "path" for name, _, seed in runs), 1)
+
     def test_seeds_that_take_longer_get_fewer_samples(self):
         r, _, text = self.compare(0, 1, 32, slower=1.2)
         self.assertFalse(r["refused"], text)
