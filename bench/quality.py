@@ -59,6 +59,7 @@ import statistics
 import subprocess
 import sys
 import time
+import tomllib
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 RECONSTRUCTED = {"gradient_path", "temporal_gradient_path"}
@@ -90,6 +91,7 @@ PRESETS = {
         "times_of": "8,32,128",
         "reference_spp": 1536,
         "clock": "cpu",
+        "exposure": "shot",
     },
     "consistency": {
         "scene": ",".join(f"{name}@96x54" for name in ("running-figure", "modern-hall", "robot", "vase", "glass-egg",
@@ -106,7 +108,7 @@ PRESETS = {
 # Metrics of --denoise that only a scene has: the pane of the robot's picture.
 SCENE_METRICS = {"robot": ["relmse@object_id=9"]}
 DEFAULTS = {"scene": "cornell-motion", "methods": METHODS, "metrics": METRICS, "frames": "1-10", "times_of": None,
-            "seeds": 3, "reference_spp": 512, "clock": "wall", "bound": None}
+            "seeds": 3, "reference_spp": 512, "clock": "wall", "bound": None, "exposure": "0"}
 OIDN_MISSING = "Open Image Denoise is not there: ./dev oidn fetches it"
 # Two-sided 95 % quantiles of Student's t for 1, 2, ... degrees of freedom, and beyond 30.
 T95 = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131, 2.120,
@@ -213,6 +215,14 @@ def plain_shot(shot):
     return plain
 
 
+def exposure_of(shot):
+    """The stops that the movie of a shot is exposed by."""
+    shot = pathlib.Path(shot)
+    if shot.suffix != ".toml":
+        return 0
+    return tomllib.loads(shot.read_text(encoding="utf-8")).get("video", {}).get("exposure", 0)
+
+
 class Bench:
     """One scene, NAME[:VARIANT][@WxH] or FILE[@WxH], with its references."""
 
@@ -236,6 +246,7 @@ class Bench:
             shot = pathlib.Path(made.stdout.split("\n")[0])
             variant = scene.partition(":")[2]
             self.shot = plain_shot(shot.with_name(f"{shot.stem}_{variant}.toml") if variant else shot)
+        self.exposure = exposure_of(self.shot) if args.exposure == "shot" else args.exposure
         self.references = [self.make_reference(name, seed) for name, seed in (("a", 1000003), ("b", 2000003))]
         self.metrics = args.metrics + (SCENE_METRICS.get(scene, []) if args.denoise else [])
         self.noise, self.titles = {}, {}
@@ -310,7 +321,8 @@ class Bench:
             out = self.work / "figures.json"
             a, b = self.references
             execute([self.tempera, "-q", "compare", f"m={folder / 'final/f.####.exr'}", "--reference", a, "--reference2", b,
-                     "--metrics", ",".join(names), "--json", out, *arguments, *self.threads])
+                     "--metrics", ",".join(names), "--exposure", self.exposure, "--json", out, *arguments,
+                     *self.threads])
             figures = json.loads(out.read_text())
             for m in figures["metrics"]:
                 name = names[m["id"]]
@@ -643,6 +655,8 @@ def main():
                         help="end with status 6 if a method is above this ratio to the first one")
     parser.add_argument("--reference-spp", type=int, help="of both references together [512]")
     parser.add_argument("--metrics", help=f"see above [{METRICS}]")
+    parser.add_argument("--exposure", metavar="STOPS|shot",
+                        help="of metrics of displayed pictures; shot: its video.exposure [0, shot for --denoise]")
     parser.add_argument("--threads", help="[all]")
     parser.add_argument("--clock", choices=["wall", "cpu"],
                         help="what equal time is: of the clock, or of all processors, which a busy machine disturbs less")
@@ -664,6 +678,11 @@ def main():
     one_table = pathlib.Path(one) if one and one != "-" else None
     args.scene, args.metrics = args.scene.split(",") + args.shot, args.metrics.split(",")
     bounds = bounds_of(args.bound)
+    if args.exposure != "shot":
+        try:
+            args.exposure = float(args.exposure)
+        except ValueError:
+            parser.error(f"--exposure is shot or a number of stops, not {args.exposure}")
     methods = [Method(m) for m in args.methods.split(",") if m]
     if any(m.needs_oidn for m in methods) and not args.oidn.exists():
         if chosen or name:
@@ -704,7 +723,8 @@ def main():
                     lines_of_all(bench, scene_name(scene), samples, results, columns, one_table)
             stored = json.loads(path.read_text()) if path.exists() else []
             stored.append({"scene": scene, "frames": args.frames, "resolution": bench.size, "threads": args.threads,
-                           "clock": args.clock, "reference_spp": args.reference_spp, "times_of": samples,
+                           "clock": args.clock, "exposure": bench.exposure, "reference_spp": args.reference_spp,
+                           "times_of": samples,
                            "noise": bench.noise, "equal_error": args.equal_error, "results": results})
             path.write_text(json.dumps(stored, indent=1))
         print(f"written: {path}")

@@ -108,6 +108,10 @@ class Methods(unittest.TestCase):
             self.assertEqual(plain.name, "shot_plain.toml")
             self.assertEqual(plain.read_text(),
                              'scene = "s.glb"\n[sampling]\nspp = 4\n[materials.glass]\ntype = "dielectric"\n')
+            self.assertEqual(quality.exposure_of(plain), 0)
+            shot.write_text('scene = "s.glb"\n[video]\nexposure = -1.5\n')
+            self.assertEqual(quality.exposure_of(shot), -1.5)
+            self.assertEqual(quality.exposure_of("scene.glb"), 0)
 
     def test_a_missing_denoiser_is_said_in_a_line(self):
         command = [sys.executable, ROOT / "bench/quality.py", "--oidn", "/nowhere/lib.so", "--methods", "path+oidn"]
