@@ -12,6 +12,9 @@ struct Quality {
   int spp;  ///< samples per pixel, where none are given
 };
 
+/// Samples per pixel up to which files cost as much as rendering.
+constexpr int kFewSamples = 16;
+
 /// That of a shot; null: it is as the shot says.
 const Quality* quality_of(const ShotConfig& config);
 /// The name of the stage that follows all others.

@@ -210,7 +210,7 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
       rendered.insert(chained.source.begin(), chained.source.end());
       if (steps.empty()) {
         steps = chained.steps;
-        for (const StageStep& step : steps) plan.stages.push_back({step.choice, "", {}, {}, between, {}});
+        for (const StageStep& step : steps) plan.stages.push_back({step.choice, "", {}, {}, between, {}, {}});
       }
       for (std::size_t i = 0; i < steps.size(); ++i) {
         const std::vector<int>& frames = chained.steps[i].frames;
@@ -229,6 +229,10 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
     throw Error(e.code(), stages_loc(config), e.message());
   }
   plan.stages.back().write = shot.final_write;
+  plan.stages.back().leave_out = shot.stage_layers;
+  std::erase_if(layers, [&](const LayerDesc& d) {
+    return std::find(shot.stage_layers.begin(), shot.stage_layers.end(), d.name) != shot.stage_layers.end();
+  });
   for (std::size_t i = 0; i < steps.size(); ++i) {
     if (!steps[i].fills()) continue;
     Shot pixels = pixel_shot(config, shot, steps[i]);
@@ -312,8 +316,11 @@ void run_stages(const RunPlan& plan, const Scene& scene, const RenderOptions& op
       RenderObserver* const observers[] = {watching.get()};
       observer.end_pixels(stage, render_sequence(*stage.pixels, scene, of_pixels, observers, stop));
     }
-    const StageOptions of_stage{
-        .sections = stage.sections, .resume = options.resume, .write = stage.write, .command = options.command};
+    const StageOptions of_stage{.sections = stage.sections,
+                                .resume = options.resume,
+                                .write = stage.write,
+                                .leave_out = stage.leave_out,
+                                .command = options.command};
     const std::unique_ptr<StageObserver> watching = observer.begin_stage(stage);
     observer.end_stage(stage, run_stage(stage.choice, stage_input(plan, i), stage.output, of_stage, *watching, stop));
   }

@@ -277,24 +277,32 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
 /// Asks the integrator for what a stage that the shot names can make use of, as far as it writes that.
 void add_layers_for(const StageChoice& stage, Shot& shot, std::vector<LayerDesc>& layers) {
   const RenderSettings& s = shot.settings;
-  const SequenceDesc rendered{shot.sequence, shot.sequence, {}, s.x1() - s.x0(), s.y1() - s.y0(), layers};
-  std::vector<LayerUse> uses;
+  SequenceDesc rendered{shot.sequence, shot.sequence, {}, s.x1() - s.x0(), s.y1() - s.y0(), layers};
+  std::set<std::string> tried;
+  const auto next = [&]() -> std::optional<LayerDesc> {  // what it can use may depend on what there is
+    for (const LayerUse& use : stage.entry->make(stage.params)->reads(0, std::span(&rendered, 1))) {
+      if (!rendered.has(use.layer) && tried.insert(use.layer.name).second) return use.layer;
+    }
+    return std::nullopt;
+  };
   try {
-    uses = stage.entry->make(stage.params)->reads(0, std::span(&rendered, 1));
+    while (const auto layer = next()) {
+      RenderSettings more = shot.settings;
+      more.layers.push_back(layer->name);
+      try {
+        rendered.layers = rendered_layers(shot.integrator, shot.params, more);
+        shot.settings = std::move(more);
+      } catch (const SettingError&) {
+        continue;  // the stage says what it misses
+      }
+    }
   } catch (const Error&) {
     return;  // who plans the stages says it, and where
   }
-  for (const LayerUse& use : uses) {
-    if (rendered.has(use.layer)) continue;
-    RenderSettings more = shot.settings;
-    more.layers.push_back(use.layer.name);
-    try {
-      layers = rendered_layers(shot.integrator, shot.params, more);
-      shot.settings = std::move(more);
-    } catch (const SettingError&) {
-      continue;  // the stage says what it misses
-    }
+  for (const LayerDesc& d : rendered.layers) {
+    if (std::find(layers.begin(), layers.end(), d) == layers.end()) shot.stage_layers.push_back(d.name);
   }
+  layers = rendered.layers;
 }
 
 void settle_classes(const ShotConfig& config, RenderSettings& s) {
@@ -619,6 +627,8 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
         fmt::format("\"{}\" cannot name a view layer: it must hold something, and no dot", shot.write.view_layer));
   }
   shot.final_write = shot.write;
+  // Deflating what the denoiser reads takes longer than a sample.
+  if (quality && s.spp <= kFewSamples && !config.find("output.compression")) shot.write.compression = Compression::kRle;
   shot.video_path = config.get_string("video.path");
   shot.video_path_is_typed = config.find("video.path") && config.loc("video.path").line == 0;
   shot.video.fps = config.get_double("video.fps") > 0 ? config.get_double("video.fps") : s.clock.fps;

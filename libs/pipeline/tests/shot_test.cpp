@@ -70,6 +70,12 @@ TEST(Shot, QualityStandsForWhatIsNotSaid) {
       EXPECT_TRUE(writes(*shot, d)) << d.name;
     }
   }
+  // What few samples leave is written fast, and nothing that is only the denoiser's is part of the result.
+  EXPECT_EQ(draft.write.compression, Compression::kRle);
+  EXPECT_EQ(draft.final_write.compression, Compression::kZip);
+  EXPECT_EQ(final.write.compression, Compression::kZip);
+  EXPECT_TRUE(std::find(draft.stage_layers.begin(), draft.stage_layers.end(), "albedo") != draft.stage_layers.end());
+  EXPECT_FALSE(writes(draft, layers::color_variance()));
   // What is said stays: samples, stages, and how they work. The scene's own samples are not said.
   EXPECT_EQ(settle("quality = \"final\"\n[sampling]\nspp = 5\n").settings.spp, 5);
   EXPECT_TRUE(settle("quality = \"final\"\nstages = []\n").stages.empty());

@@ -37,7 +37,8 @@ const std::vector<ParamSpec> kParams = {
      .fallback = std::string("yes"),
      .help = "whether what both halves of the samples miss in the clean picture is given back",
      .choices = {"yes", "no"}},
-    {"oidn", std::string(), "file of Open Image Denoise; else TEMPERA_OIDN, else libOpenImageDenoise.so.2 of the system, else of the folder "
+    {"oidn", std::string(),
+     "file of Open Image Denoise; else TEMPERA_OIDN, else libOpenImageDenoise.so.2 of the system, else of the folder "
      "../lib beside the program"},
     {"oidn_version", std::string(), "refuse any other version of it, e.g. 2.5.1"},
 };
@@ -54,12 +55,13 @@ class Denoise final : public Stage {
 
   std::vector<LayerUse> reads(int /*port*/, std::span<const SequenceDesc> in) const override {
     std::vector<LayerUse> out{{layers::color(), true, "there is nothing to denoise"}};
+    const Available available(in[0].layers);
     for (const LayerDesc& d :
-         {layers::color_a(), layers::color_b(), layers::color_variance(), layers::albedo(), layers::normal(),
-          layers::emission(), layers::object_id(), layers::motion_forward(), layers::motion_backward()}) {
+         {layers::color_a(), layers::color_b(), layers::albedo(), layers::normal(), layers::emission(),
+          layers::object_id(), layers::motion_forward(), layers::motion_backward()}) {
       out.push_back({d, false});
     }
-    const Available available(in[0].layers);
+    if (!available.halves) out.push_back({layers::color_variance(), false});
     for (const std::string& chain : available.chains) {
       for (const LayerDesc& d : {layers::albedo(), layers::normal()})
         out.push_back({layers::chain_layer(chain, d), false});

@@ -92,8 +92,7 @@ struct Vertex {
 };
 
 /// The features of the first surface.
-inline FirstHit first_hit(const Vertex& v, const Rgb& emitted, const Vec3f& view_axis, const CameraSample& camera,
-                          Features features) {
+inline FirstHit first_hit(const Vertex& v, const Rgb& emitted, const CameraSample& camera, Features features) {
   FirstHit f;
   f.valid = true;
   f.instance = v.hit.point.instance;
@@ -102,7 +101,7 @@ inline FirstHit first_hit(const Vertex& v, const Rgb& emitted, const Vec3f& view
   f.position = v.s.p;
   f.uv = v.s.uv;
   f.emission = emitted;
-  f.depth = dot(v.s.p - camera.ray.o, view_axis);
+  f.depth = dot(v.s.p - camera.ray.o, camera.ray.axis);
   if (features == Features::kAll) f.albedo = v.bsdf.albedo(v.s.wo);
   return f;
 }
@@ -234,7 +233,7 @@ struct NoObserver {
 /// gathers features of chains.
 template <class Observer>
 SampleResult trace_path(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
-                        const Vec3f& view_axis, std::span<Rgb> classes, Features features, Observer& observer,
+                        std::span<Rgb> classes, Features features, Observer& observer,
                         ChainFeatures* chains = nullptr) {
   const RayScene& rays = context.rays;
   const LightSampler& lights = context.lights;
@@ -316,7 +315,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
       seen_by_camera = false;
       result.alpha = 1;
       if (features != Features::kNone) {
-        result.first = first_hit(v, emitted, view_axis, camera, features);
+        result.first = first_hit(v, emitted, camera, features);
       }
     }
     if (chains && chains->active()) chains->arrive(beta, v, emitted, previous);
@@ -385,6 +384,6 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
 
 /// Follows a path as trace_path does, for its features alone: as far as specular events of chains lead.
 SampleResult trace_features(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
-                            const Vec3f& view_axis, Features features, ChainFeatures* chains);
+                            Features features, ChainFeatures* chains);
 
 }  // namespace tempera
