@@ -6,8 +6,8 @@
 #include <algorithm>
 #include <cmath>
 #include <ctime>
-#include <sstream>
 
+#include "denoise/input.h"
 #include "denoise/residuals.h"
 #include "tempera/core/log.h"
 
@@ -37,26 +37,6 @@ void for_values(Planes& out, const F& f) {
       for (int x = 0; x < out.width(); ++x) to[x] = f(c, y, x, to[x]);
     });
   }
-}
-
-/// The variance of noise that neighbours do not share, where nothing else tells it: of what a pixel differs from the
-/// mean of its four neighbours. Edges and textures add to it.
-Planes apparent_variance(const Planes& in) {
-  const int width = in.width(), height = in.height();
-  Planes raw(width, height, 1);
-  for_rows(height, [&](int y) {
-    float* to = raw.row(0, y);
-    for (int c = 0; c < in.channels(); ++c) {
-      const float *up = in.row(c, std::max(y - 1, 0)), *down = in.row(c, std::min(y + 1, height - 1)),
-                  *here = in.row(c, y);
-      for (int x = 0; x < width; ++x) {
-        const float around = 0.25f * (up[x] + down[x] + here[std::max(x - 1, 0)] + here[std::min(x + 1, width - 1)]);
-        const float d = here[x] - around;
-        to[x] += d * d / (1.25f * float(in.channels()));
-      }
-    }
-  });
-  return box_mean(raw, kVarianceRadius);
 }
 
 Planes multiply(const Planes& a, const Planes& b) {
@@ -121,42 +101,6 @@ std::vector<std::string> Available::losses(bool alone) const {
   return out;
 }
 
-namespace {
-
-/// Samples per pixel, where the frame says so.
-std::optional<int> samples_of(const Metadata& metadata) {
-  const auto spp = metadata.find("tempera/spp");
-  const int* n = spp == metadata.end() ? nullptr : std::get_if<int>(&spp->second);
-  return n ? std::optional(*n) : std::nullopt;
-}
-
-/// Chains whose surfaces the light of each class is seen on, from the metadata of a frame: a line for each class, of its
-/// name, expression and chains, apart by tabs.
-std::map<std::string, std::vector<std::string>> class_chains(const Metadata& metadata) {
-  std::map<std::string, std::vector<std::string>> out;
-  const auto classes = metadata.find("tempera/classes");
-  if (classes == metadata.end()) return out;
-  std::istringstream lines(to_text(classes->second));
-  for (std::string line; std::getline(lines, line);) {
-    std::istringstream fields(line);
-    std::string name, expression, chain;
-    std::getline(fields, name, '\t'), std::getline(fields, expression, '\t');
-    std::vector<std::string>& chains = out[name];
-    while (fields >> chain) chains.push_back(chain);
-  }
-  return out;
-}
-
-/// The features of several chains together: what reaches the camera of all their surfaces.
-void add_chain(const Planes& albedo, const Planes& normal, Planes& sum, Planes& weighted) {
-  for_values(sum, [&](int c, int y, int x, float v) { return v + albedo.row(c, y)[x]; });
-  for_values(weighted, [&](int c, int y, int x, float v) {
-    return v + normal.row(c, y)[x] * luminance(albedo.row(0, y)[x], albedo.row(1, y)[x], albedo.row(2, y)[x]);
-  });
-}
-
-}  // namespace
-
 Planes Denoiser::Light::mean() const {
   if (!halves()) return a;
   Planes out = a;
@@ -165,7 +109,7 @@ Planes Denoiser::Light::mean() const {
 }
 
 std::shared_ptr<Oidn> choose_method(const Settings& settings) {
-  if (settings.method == Method::kNlMeans) return nullptr;
+  if (settings.method != Method::kOidn && settings.method != Method::kAuto) return nullptr;
   std::shared_ptr<Oidn> oidn;
   try {
     oidn = std::make_shared<Oidn>(settings.oidn_path);
@@ -204,21 +148,12 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
   }
   views_.push_back(available_.chains);
   if (recipe_ == Recipe::kComponents) {
-    const std::map<std::string, std::vector<std::string>> of_classes = class_chains(metadata);
-    for (const std::string& name : available_.classes) {
-      const auto found = of_classes.find(name);
-      std::vector<std::string> chains;
-      for (const std::string& chain : found == of_classes.end() ? std::vector<std::string>{} : found->second) {
-        if (std::find(available_.chains.begin(), available_.chains.end(), chain) != available_.chains.end())
-          chains.push_back(chain);
-      }
-      // Without features of its own, light that the first surface scatters goes by that surface.
-      const bool first_scatters = found == of_classes.end() || found->second == std::vector<std::string>{"D"};
-      Part part{name, 0, first_scatters};
-      if (!chains.empty()) {
-        auto view = std::find(views_.begin() + 1, views_.end(), chains);
-        if (view == views_.end()) view = views_.insert(view, chains);
-        part.view = std::size_t(view - views_.begin()), part.divide = true;
+    for (const ClassView& c : class_views(available_, metadata)) {
+      Part part{c.name, 0, c.divide};
+      if (!c.chains.empty()) {
+        auto view = std::find(views_.begin() + 1, views_.end(), c.chains);
+        if (view == views_.end()) view = views_.insert(view, c.chains);
+        part.view = std::size_t(view - views_.begin());
       }
       parts_.push_back(std::move(part));
     }
@@ -265,44 +200,22 @@ void Denoiser::forget_before(int frame) {
 Denoiser::Source Denoiser::read(int frame) {
   run_.check_stop();
   const auto start = cpu_seconds();
-  const Frame in = run_.read(frame);
+  InputFrame in(run_, frame);
   spent("read", start);
   const auto prepared = cpu_seconds();
   Source out;
-  const auto finite = [&](Planes planes) {
-    for (float& v : planes.values()) {
-      if (!std::isfinite(v)) v = 0, ++damaged_;
-    }
-    return planes;
-  };
-  // What the sequence has every frame must have.
-  const auto image = [&](const LayerDesc& layer, int channels) -> const Image* {
-    if (!run_.in()[0].has(layer)) return nullptr;
-    const Layer* l = in.find(layer.name);
-    const int n = l ? l->image.channels() : 0;
-    if (n >= channels) return &l->image;
-    throw Error(ErrorCode::kBadInput,
-                fmt::format("{}: layer \"{}\" {}; denoising needs it with {} channels in every frame, or in none",
-                            run_.path(frame), layer.name,
-                            l ? fmt::format("has {} channel{}", n, n == 1 ? "" : "s") : "is missing", channels));
-  };
-  const auto planes = [&](const LayerDesc& layer, int channels) {
-    const Image* i = image(layer, channels);
-    return i ? finite(Planes(*i, channels)) : Planes();
-  };
+  const auto planes = [&](const LayerDesc& layer, int channels) { return in.planes(layer, channels); };
   const Planes color = planes(layers::color(), 3);
   const int width = color.width(), height = color.height();
   const Planes first_albedo = planes(layers::albedo(), 3), first_normal = planes(layers::normal(), 3);
   for (const std::vector<std::string>& chains : views_) {
-    View view{Planes(width, height, 3), Planes(width, height, 3), {}};
-    for (const std::string& chain : chains) {
-      add_chain(planes(layers::chain_layer(chain, layers::albedo()), 3),
-                planes(layers::chain_layer(chain, layers::normal()), 3), view.albedo, view.normal);
-    }
-    const Planes sum = view.albedo;
-    const auto light_of = [&](int y, int x) { return luminance(sum.row(0, y)[x], sum.row(1, y)[x], sum.row(2, y)[x]); };
-    for_values(view.normal, [&](int, int y, int x, float v) { return v / std::max(light_of(y, x), 1e-6f); });
+    ChainView seen = in.chains(chains);
+    View view{std::move(seen.albedo), std::move(seen.normal), {}};
     if (out.views.empty()) {  // all that is seen: the first surface where no chain ends
+      const Planes sum = view.albedo;
+      const auto light_of = [&](int y, int x) {
+        return luminance(sum.row(0, y)[x], sum.row(1, y)[x], sum.row(2, y)[x]);
+      };
       const auto fill = [&](Planes& feature, const Planes& first) {
         if (chains.empty() || first.empty()) {
           feature = first;
@@ -321,21 +234,7 @@ Denoiser::Source Denoiser::read(int frame) {
   Surfaces& s = out.surfaces;
   s.normal = first_normal;
   if (available_.motion && radius_ > 0) {
-    const auto vectors = [&](const LayerDesc& layer) {
-      const Image& motion = *image(layer, 2);
-      Planes v(width, height, 3, 1);  // files of others do not say what is valid
-      const int valid = motion.channels() >= 4 ? 3 : -1;
-      for_rows(height, [&](int y) {
-        for (int x = 0; x < width; ++x) {
-          const float* p = motion.pixel(x, y);
-          const bool known = std::isfinite(p[0]) && std::isfinite(p[1]);
-          v.row(0, y)[x] = known ? p[0] : 0, v.row(1, y)[x] = known ? p[1] : 0;
-          v.row(2, y)[x] = known && (valid < 0 || p[valid] > 0) ? 1.0f : 0.0f;
-        }
-      });
-      return v;
-    };
-    s.forward = vectors(layers::motion_forward()), s.backward = vectors(layers::motion_backward());
+    s.forward = in.vectors(layers::motion_forward()), s.backward = in.vectors(layers::motion_backward());
   }
 
   out.emitter = Planes(width, height, 1);
@@ -365,15 +264,12 @@ Denoiser::Source Denoiser::read(int frame) {
     return (id.empty() ? 0.0f : 2 * id.row(0, y)[x]) + out.emitter.row(0, y)[x];
   });
 
-  // Halves whose mean is the light itself, also for odd numbers of samples.
-  const auto halves_of = [&](const Planes& all, const Planes& a, const Planes& b) {
-    Light light{all, all, {}};
-    for_values(light.a, [&](int c, int y, int x, float v) { return v + 0.5f * (a.row(c, y)[x] - b.row(c, y)[x]); });
-    for_values(light.b, [&](int c, int y, int x, float v) { return v - 0.5f * (a.row(c, y)[x] - b.row(c, y)[x]); });
-    return light;
+  const auto halves_of = [](const Planes& all, const Planes& a, const Planes& b) {
+    std::array<Planes, 2> halves = centred_halves(all, a, b);
+    return Light{std::move(halves[0]), std::move(halves[1]), {}};
   };
   Light rest{color, {}, {}};
-  if (available_.halves && samples_of(in.metadata) != 1)
+  if (available_.halves && samples_of(in.metadata()) != 1)
     rest = halves_of(color, planes(layers::color_a(), 3), planes(layers::color_b(), 3));
   std::array<Planes, 2> fireflies;
   if (hold_fireflies_ && rest.halves()) fireflies = held_fireflies(rest, out.held);
@@ -395,6 +291,7 @@ Denoiser::Source Denoiser::read(int frame) {
             light.halves() ? Planes() : planes(layers::color_variance(), 3));
     out.light.push_back(std::move(light));
   }
+  damaged_ += in.damaged();
   spent("prepare", prepared);
   return out;
 }
@@ -419,7 +316,7 @@ void Denoiser::prepare(Light& light, const Planes* divisor, const Planes& color_
     });
     light.variance = box_mean(raw, kVarianceRadius);
   } else {
-    light.variance = apparent_variance(light.a);
+    light.variance = apparent_variance(light.a, kVarianceRadius);
   }
 }
 
@@ -785,7 +682,7 @@ std::vector<std::string> Denoiser::notes() const {
                           : recipe_ == Recipe::kHalves   ? "halves of the samples"
                                                          : "all samples together";
   std::vector<std::string> out{fmt::format("denoised by {}: {}", describe_method(oidn_.get()), how)};
-  if (damaged_ > 0) out.push_back(fmt::format("{} values that are not finite count as 0", damaged_));
+  if (damaged_ > 0) out.push_back(fmt::format("{} values that are not finite or beyond 1e14 count as 0", damaged_));
   if (hold_fireflies_ && held_.all > 0)
     out.push_back(
         fmt::format("{:.2g} % of the light was held back, as it outshines the other half of the samples by far",
