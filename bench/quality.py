@@ -48,6 +48,7 @@ rendered with. The error of the default sampler of other scenes (scrambled Sobol
 example shows more than a factor of 4.
 """
 import argparse
+import dataclasses
 import json
 import math
 import os
@@ -58,6 +59,7 @@ import statistics
 import subprocess
 import sys
 import time
+import tomllib
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 RECONSTRUCTED = {"gradient_path", "temporal_gradient_path"}
@@ -89,6 +91,7 @@ PRESETS = {
         "times_of": "8,32,128",
         "reference_spp": 1536,
         "clock": "cpu",
+        "exposure": "shot",
     },
     "consistency": {
         "scene": ",".join(f"{name}@96x54" for name in ("running-figure", "modern-hall", "robot", "vase", "glass-egg",
@@ -105,7 +108,7 @@ PRESETS = {
 # Metrics of --denoise that only a scene has: the pane of the robot's picture.
 SCENE_METRICS = {"robot": ["relmse@object_id=9"]}
 DEFAULTS = {"scene": "cornell-motion", "methods": METHODS, "metrics": METRICS, "frames": "1-10", "times_of": None,
-            "seeds": 3, "reference_spp": 512, "clock": "wall", "bound": None}
+            "seeds": 3, "reference_spp": 512, "clock": "wall", "bound": None, "exposure": "0"}
 OIDN_MISSING = "Open Image Denoise is not there: ./dev oidn fetches it"
 # Two-sided 95 % quantiles of Student's t for 1, 2, ... degrees of freedom, and beyond 30.
 T95 = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131, 2.120,
@@ -212,6 +215,14 @@ def plain_shot(shot):
     return plain
 
 
+def exposure_of(shot):
+    """The stops that the movie of a shot is exposed by."""
+    shot = pathlib.Path(shot)
+    if shot.suffix != ".toml":
+        return 0
+    return tomllib.loads(shot.read_text(encoding="utf-8")).get("video", {}).get("exposure", 0)
+
+
 class Bench:
     """One scene, NAME[:VARIANT][@WxH] or FILE[@WxH], with its references."""
 
@@ -235,6 +246,7 @@ class Bench:
             shot = pathlib.Path(made.stdout.split("\n")[0])
             variant = scene.partition(":")[2]
             self.shot = plain_shot(shot.with_name(f"{shot.stem}_{variant}.toml") if variant else shot)
+        self.exposure = exposure_of(self.shot) if args.exposure == "shot" else args.exposure
         self.references = [self.make_reference(name, seed) for name, seed in (("a", 1000003), ("b", 2000003))]
         self.metrics = args.metrics + (SCENE_METRICS.get(scene, []) if args.denoise else [])
         self.noise, self.titles = {}, {}
@@ -309,7 +321,8 @@ class Bench:
             out = self.work / "figures.json"
             a, b = self.references
             execute([self.tempera, "-q", "compare", f"m={folder / 'final/f.####.exr'}", "--reference", a, "--reference2", b,
-                     "--metrics", ",".join(names), "--json", out, *arguments, *self.threads])
+                     "--metrics", ",".join(names), "--exposure", self.exposure, "--json", out, *arguments,
+                     *self.threads])
             figures = json.loads(out.read_text())
             for m in figures["metrics"]:
                 name = names[m["id"]]
@@ -447,46 +460,70 @@ def title_of(metric, title, unit):
     return title + (f" [{unit}]" if unit else "")
 
 
-def seconds_of_seeds(bench, method, spp, folder, seeds, first=None):
-    """Seconds of a run with each seed, to folder/<seed>. `first`: of the first one, where it is there already."""
-    seconds = []
-    for seed in range(1, seeds + 1):
-        seconds.append(first if first and seed == 1 else bench.run(method, spp, seed, folder / str(seed)))
-        print(f"  {method.label}, seed {seed}: {spp} samples, {seconds[-1]:.2f} s", flush=True)
-    return seconds
+@dataclasses.dataclass
+class Timed:
+    """A method with as many samples as fit into the time of all."""
+    method: Method
+    folder: pathlib.Path
+    spp: int
+    calibrated: bool  # whether it has to keep to that time
+    seconds: list  # of the runs of each seed, which are in folder/<seed>
+    over: float = 0  # part of the time of all that it takes more
+
+    @property
+    def refused(self):
+        return self.calibrated and self.over > TOLERANCE - 1
+
+
+def timed_runs(bench, methods, args, samples):
+    """Runs the methods with all seeds, at the time of `samples` of the first one, or of args.time. Seeds are run in turn
+    for all methods, so that what else the machine does slows them alike."""
+    def run(t, seed):
+        t.seconds.append(bench.run(t.method, t.spp, seed, t.folder / str(seed)))
+        print(f"  {t.method.label}, seed {seed}: {t.spp} samples, {t.seconds[-1]:.2f} s", flush=True)
+
+    def compare(t):
+        t.over = statistics.fmean(t.seconds) / target - 1
+
+    target, all_timed = args.time, []
+    for i, m in enumerate(methods):
+        is_base = samples is not None and i == 0
+        calibrated = not is_base and m.wanted_spp is None
+        t = Timed(m, bench.work / f"{i}_{m.name}", samples if is_base else m.wanted_spp, calibrated, [])
+        all_timed.append(t)
+        if calibrated:
+            t.spp, seconds = bench.calibrate(m, target, t.folder / "1", start=samples * 2 // 3 if samples else 4)
+            t.seconds = [seconds]
+            compare(t)
+        else:
+            run(t, 1)
+        if is_base:
+            target = t.seconds[0]
+    for seed in range(2, args.seeds + 1):
+        for t in all_timed:
+            if not t.refused:
+                run(t, seed)
+    if samples:
+        target = statistics.fmean(all_timed[0].seconds)
+        print(f"  {methods[0].label}: {samples} samples take {target:.2f} s, the time of all", flush=True)
+    for t in all_timed:
+        compare(t)
+        while t.refused and t.spp > t.method.least_spp():  # the seed that was calibrated was a quick one
+            t.spp, t.seconds = max(t.method.least_spp(), min(t.spp - 1, int(t.spp / (1 + t.over)))), []
+            for seed in range(1, args.seeds + 1):
+                run(t, seed)
+            compare(t)
+    return all_timed
 
 
 def equal_time(bench, methods, args, samples=None):
     """Figures of all methods at equal time: that of `samples` of the first method, or args.time."""
-    target, results = args.time, []
-    for i, m in enumerate(methods):
-        folder, least = bench.work / f"{i}_{m.name}", m.least_spp()
-        is_base = samples is not None and i == 0
-        spp, first = samples if is_base else m.wanted_spp, None
-        calibrated = spp is None
-        if calibrated:
-            spp, first = bench.calibrate(m, target, folder / "1", start=samples * 2 // 3 if samples else 4)
-        seconds, over = [first], 0
-        if not calibrated or first <= TOLERANCE * target:
-            seconds = seconds_of_seeds(bench, m, spp, folder, args.seeds, first)
-        if calibrated:
-            over = statistics.fmean(seconds) / target - 1
-            for _ in range(2):  # the seed that was calibrated may have been a quick one
-                if over <= TOLERANCE - 1 or spp <= least:
-                    break
-                spp = max(least, min(spp - 1, int(spp / (1 + over))))
-                seconds = seconds_of_seeds(bench, m, spp, folder, args.seeds)
-                over = statistics.fmean(seconds) / target - 1
-        if is_base:
-            target = statistics.fmean(seconds)
-            print(f"  {m.label}: {samples} samples take {target:.2f} s, the time of all", flush=True)
-        refused = over > TOLERANCE - 1
-        if refused:
-            print(f"  {m.label}: refused, {spp} samples take {100 * over:.0f} % longer than {target:.2f} s", flush=True)
-        figures = [bench.measure(folder / str(s), bench.metrics) for s in range(1, args.seeds + 1) if not refused]
-        shutil.rmtree(folder, ignore_errors=True)
-        results.append({"method": m.label, "spp": spp, "seconds": seconds, "figures": figures, "over": over,
-                        "refused": refused})
+    results = []
+    for t in timed_runs(bench, methods, args, samples):
+        figures = [] if t.refused else [bench.measure(t.folder / str(s), bench.metrics) for s in range(1, args.seeds + 1)]
+        shutil.rmtree(t.folder, ignore_errors=True)
+        results.append({"method": t.method.label, "spp": t.spp, "seconds": t.seconds, "figures": figures, "over": t.over,
+                        "refused": t.refused})
     first = results[0]
     print(f"\n{'method':44} {'spp':>6} {'seconds':>9}")
     for r in results:
@@ -618,6 +655,8 @@ def main():
                         help="end with status 6 if a method is above this ratio to the first one")
     parser.add_argument("--reference-spp", type=int, help="of both references together [512]")
     parser.add_argument("--metrics", help=f"see above [{METRICS}]")
+    parser.add_argument("--exposure", metavar="STOPS|shot",
+                        help="of metrics of displayed pictures; shot: its video.exposure [0, shot for --denoise]")
     parser.add_argument("--threads", help="[all]")
     parser.add_argument("--clock", choices=["wall", "cpu"],
                         help="what equal time is: of the clock, or of all processors, which a busy machine disturbs less")
@@ -639,6 +678,11 @@ def main():
     one_table = pathlib.Path(one) if one and one != "-" else None
     args.scene, args.metrics = args.scene.split(",") + args.shot, args.metrics.split(",")
     bounds = bounds_of(args.bound)
+    if args.exposure != "shot":
+        try:
+            args.exposure = float(args.exposure)
+        except ValueError:
+            parser.error(f"--exposure is shot or a number of stops, not {args.exposure}")
     methods = [Method(m) for m in args.methods.split(",") if m]
     if any(m.needs_oidn for m in methods) and not args.oidn.exists():
         if chosen or name:
@@ -679,7 +723,8 @@ def main():
                     lines_of_all(bench, scene_name(scene), samples, results, columns, one_table)
             stored = json.loads(path.read_text()) if path.exists() else []
             stored.append({"scene": scene, "frames": args.frames, "resolution": bench.size, "threads": args.threads,
-                           "clock": args.clock, "reference_spp": args.reference_spp, "times_of": samples,
+                           "clock": args.clock, "exposure": bench.exposure, "reference_spp": args.reference_spp,
+                           "times_of": samples,
                            "noise": bench.noise, "equal_error": args.equal_error, "results": results})
             path.write_text(json.dumps(stored, indent=1))
         print(f"written: {path}")

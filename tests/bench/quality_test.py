@@ -108,6 +108,10 @@ class Methods(unittest.TestCase):
             self.assertEqual(plain.name, "shot_plain.toml")
             self.assertEqual(plain.read_text(),
                              'scene = "s.glb"\n[sampling]\nspp = 4\n[materials.glass]\ntype = "dielectric"\n')
+            self.assertEqual(quality.exposure_of(plain), 0)
+            shot.write_text('scene = "s.glb"\n[video]\nexposure = -1.5\n')
+            self.assertEqual(quality.exposure_of(shot), -1.5)
+            self.assertEqual(quality.exposure_of("scene.glb"), 0)
 
     def test_a_missing_denoiser_is_said_in_a_line(self):
         command = [sys.executable, ROOT / "bench/quality.py", "--oidn", "/nowhere/lib.so", "--methods", "path+oidn"]
@@ -193,6 +197,12 @@ class EqualTime(unittest.TestCase):
         self.assertAlmostEqual(r["over"], 9.5 / 8.5 - 1)
         r, _, text = self.compare(6.9, 1, 8)  # 8.9 s
         self.assertFalse(r["refused"], text)
+
+    def test_seeds_are_run_in_turn(self):
+        r, runs, _ = self.compare(2, 1.5, 8)
+        last = [("path", 8, 2), ("path+denoise", r["spp"], 2), ("path", 8, 3), ("path+denoise", r["spp"], 3)]
+        self.assertEqual(runs[-4:], last)
+        self.assertEqual(sum(seed == 1 and name == "path" for name, _, seed in runs), 1)
 
     def test_seeds_that_take_longer_get_fewer_samples(self):
         r, _, text = self.compare(0, 1, 32, slower=1.2)
