@@ -46,7 +46,7 @@ std::vector<std::string> split_list(const std::string& text) {
 
 struct Flags {
   std::vector<std::string> tests, thresholds;
-  std::string reference, metrics = "default", frames, csv, json, error_map, html, title, tone_map = "srgb";
+  std::string reference, metrics = "default", frames, where, csv, json, error_map, html, title, tone_map = "srgb";
   double trim_percent = 0, html_scale_percent = 100;
   CompareOptions options;
   int threads = 0;
@@ -80,6 +80,19 @@ Limit parse_limit(const std::string& text) {
                           text));
 }
 
+/// "object_id=9". Errors: Error{kUsage}.
+Region parse_region(const std::string& text) {
+  const auto equals = text.find('=');
+  Region region{text.substr(0, equals)};
+  if (equals != std::string::npos && equals > 0) {
+    const char* const end = text.data() + text.size();
+    const auto [next, ec] = std::from_chars(text.data() + equals + 1, end, region.value);
+    if (ec == std::errc() && next == end && std::isfinite(region.value)) return region;
+  }
+  throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
+              fmt::format("--where \"{}\" is not of the form LAYER=VALUE; write for example object_id=9", text));
+}
+
 /// What of `result` passes the limits, a sentence each.
 std::vector<std::string> passed_limits(const CompareResult& result, const std::vector<Limit>& limits) {
   std::vector<std::string> passed;
@@ -97,9 +110,11 @@ std::vector<std::string> passed_limits(const CompareResult& result, const std::v
         check(l, series->mean.mean, "");
         continue;
       }
-      // Of pairs, the first frame and those after a gap have no value; gaps are counted below.
+      // Of pairs, the first frame and those after a gap have no value; gaps are counted below. Nor has a frame without
+      // pixels of the region.
       for (std::size_t f = 0; f < side.frames.size(); ++f) {
-        if (l.metric->scope == MetricScope::kPair && std::isnan(series->values[f])) continue;
+        const bool may_lack = l.metric->scope == MetricScope::kPair || result.options.where;
+        if (may_lack && std::isnan(series->values[f])) continue;
         check(l, series->values[f], fmt::format("frame {} of ", side.frames[f]));
       }
     }
@@ -193,6 +208,7 @@ void compare(const Flags& flags, const std::stop_token& stop) {
     }
   }
   options.trim = flags.trim_percent / 100;
+  if (!flags.where.empty()) options.where = parse_region(flags.where);
   if (!flags.frames.empty()) options.frames = parse_frame_set(flags.frames);
   if (!flags.error_map.empty() && flags.tests.size() > 1) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "--error-map takes one picture or sequence at a time");
@@ -200,6 +216,10 @@ void compare(const Flags& flags, const std::stop_token& stop) {
   if (!flags.error_map.empty() && !is_png(flags.error_map) && !has_extension(flags.error_map, ".exr")) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
                 fmt::format("--error-map \"{}\" must end in .png or .exr", flags.error_map));
+  }
+  if (options.where && !flags.html.empty()) {
+    throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(),
+                "--where measures a part of the picture, --html shows all");
   }
   if (flags.reference.empty() && !options.reference2.empty()) {
     throw Error(ErrorCode::kUsage, ShotConfig::kCommandLine(), "--reference2 needs a first one: --reference");
@@ -311,6 +331,10 @@ void add_compare(Program& program) {
                    "leave out the pixels with the largest errors, of squared errors; 0.1 is usual [0]")
       ->type_name("PERCENT")
       ->check(CLI::Range(0.0, 50.0).description(""));
+  command
+      ->add_option("--where", flags->where,
+                   "only the pixels whose layer LAYER of the reference is VALUE, e.g. object_id=9; of squared errors")
+      ->type_name("LAYER=VALUE");
   command
       ->add_option("--cutoff", flags->options.cutoff,
                    "frequency above which residuals are flicker, in cycles per frame [0.25]")

@@ -5,12 +5,15 @@
   python3 tests/bench/quality_test.py --tempera build/release/bin/tempera
 """
 import argparse
+import contextlib
 import importlib.util
+import io
 import json
 import math
 import pathlib
 import random
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -67,17 +70,48 @@ class Statistics(unittest.TestCase):
 class Methods(unittest.TestCase):
     def test_settings_go_where_they_belong(self):
         m = quality.Method("path:spp=16:sampler=independent:max_depth=4:film.filter=tent")
-        self.assertEqual((m.name, m.wanted_spp), ("path", 16))
-        self.assertEqual(m.render, ["--sampler", "independent", "--param", "max_depth=4", "--set", "film.filter=tent"])
-        g = quality.Method("gradient_path:norm=l2")
-        self.assertEqual((g.wanted_spp, g.render, g.stage), (None, [], ["--norm", "l2"]))
+        self.assertEqual((m.name, m.wanted_spp, m.oidn), ("path", 16, False))
+        self.assertEqual(m.arguments, ["--sampler", "independent", "--param", "max_depth=4", "--set", "film.filter=tent",
+                                       "--integrator", "path", "--set", "stages=[]", "--layers", "color"])
+        g = quality.Method("gradient_path:spp=2+reconstruct:norm=l2:temporal-rows=dt")
+        self.assertEqual((g.wanted_spp, g.stages), (2, ["reconstruct"]))
+        self.assertEqual(g.arguments[:4], ["--set", "reconstruct.norm=l2", "--set", "reconstruct.temporal_rows=dt"])
 
-    def test_denoised_methods(self):
-        m = quality.Method("temporal_gradient_path+oidn:spp=4:clean=true:norm=l2")
-        self.assertEqual((m.name, m.denoises, m.clean, m.stage), ("temporal_gradient_path", True, True, ["--norm", "l2"]))
+    def test_chains_of_stages(self):
+        m = quality.Method("path:decompose=default+denoise:method=oidn:recipe=single")
+        self.assertEqual(m.arguments, ["--decompose", "default", "--set", "denoise.method=oidn", "--set",
+                                       "denoise.recipe=single", "--integrator", "path", "--set", 'stages=["denoise"]',
+                                       "--layers", "color"])
+        self.assertEqual((m.oidn, m.needs_oidn, m.least_spp()), (False, True, 2))
+        m = quality.Method("temporal_gradient_path+denoise")
+        self.assertEqual((m.stages, m.needs_oidn), (["reconstruct", "denoise"], False))
+        self.assertEqual(quality.Method("temporal_gradient_path+reconstruct+denoise").arguments, m.arguments)
+
+    def test_what_the_shot_says(self):
+        m = quality.Method("run:quality=final:spp=7")
+        self.assertEqual((m.name, m.wanted_spp, m.arguments), ("run", 7, ["--set", "quality=final"]))
+
+    def test_a_denoiser_of_frames_at_the_end(self):
+        m = quality.Method("temporal_gradient_path:spp=4+reconstruct:norm=l2+oidn:clean=true")
+        self.assertEqual((m.stages, m.oidn, m.clean, m.needs_oidn), (["reconstruct"], True, True, True))
+        self.assertEqual(m.arguments[-2:], ["--layers", "color,albedo,normal"])
         m = quality.Method("path+oidn")
-        self.assertEqual((m.name, m.denoises, m.clean), ("path", True, False))
-        self.assertFalse(quality.Method("path").denoises)
+        self.assertEqual((m.stages, m.oidn, m.clean), ([], True, False))
+        self.assertFalse(quality.Method("path").needs_oidn)
+
+    def test_shots_without_classes_and_layers(self):
+        with tempfile.TemporaryDirectory() as folder:
+            shot = pathlib.Path(folder) / "shot.toml"
+            shot.write_text('scene = "s.glb"\n[output]\nlayers = ["albedo"]\n[sampling]\nspp = 4\n'
+                            '[decompose]\ndd = "ED"\n[materials.glass]\ntype = "dielectric"\n')
+            plain = quality.plain_shot(shot)
+            self.assertEqual(plain.name, "shot_plain.toml")
+            self.assertEqual(plain.read_text(),
+                             'scene = "s.glb"\n[sampling]\nspp = 4\n[materials.glass]\ntype = "dielectric"\n')
+            self.assertEqual(quality.exposure_of(plain), 0)
+            shot.write_text('scene = "s.glb"\n[video]\nexposure = -1.5\n')
+            self.assertEqual(quality.exposure_of(shot), -1.5)
+            self.assertEqual(quality.exposure_of("scene.glb"), 0)
 
     def test_a_missing_denoiser_is_said_in_a_line(self):
         command = [sys.executable, ROOT / "bench/quality.py", "--oidn", "/nowhere/lib.so", "--methods", "path+oidn"]
@@ -86,28 +120,106 @@ class Methods(unittest.TestCase):
         self.assertEqual(done.stderr, "quality: Open Image Denoise is not there: ./dev oidn fetches it\n")
 
     def test_methods_of_the_tables_are_known(self):
-        for text in (quality.METHODS + "," + quality.TABLES["methods"]).split(","):
+        for text in ",".join([quality.METHODS, *(p["methods"] for p in quality.PRESETS.values())]).split(","):
             quality.Method(text)
+
+    def test_bounds_are_ratios_to_the_first_method(self):
+        results = [{"method": m, "ratios": {"relmse": (r, None, None)}} for m, r in (("a", 1), ("b", 1.05), ("c", 1.2))]
+        results.append({"method": "refused", "ratios": {}})
+        bounds = quality.bounds_of("relmse=1.1,relmse@object_id=9=0.7")
+        self.assertEqual(bounds, {"relmse": 1.1, "relmse@object_id=9": 0.7})
+        self.assertEqual(quality.beyond(results, bounds), ["relmse of c is 1.2 of that of a, over 1.1"])
+        with self.assertRaises(SystemExit):
+            quality.bounds_of("relmse")
+
+    def test_headings(self):
+        self.assertEqual(quality.title_of("relmse", "relMSE", ""), "relMSE")
+        self.assertEqual(quality.title_of("relmse_trimmed@object_id=9", "relMSE", ""),
+                         "relMSE without the worst 0.1 % where object_id = 9")
+        self.assertEqual(quality.title_of("flicker_display", "displayed flicker", "1/255"), "displayed flicker [1/255]")
+
+    def test_names_of_scenes(self):
+        self.assertEqual([quality.scene_name(s) for s in ("robot@9x9", "a/ship/shot.toml@9x9", "a/ship.glb")],
+                         ["robot", "ship", "ship"])
 
     def test_frame_sets(self):
         self.assertEqual(quality.frames_of("1-4"), [1, 2, 3, 4])
         self.assertEqual(quality.frames_of("3,10-14x2,1..2"), [3, 10, 12, 14, 1, 2])
 
     def test_wrong_settings_end_the_program(self):
-        for text in ("path:spp=0", "path:spp=many", "path:sampler", "path:=3", "path+odin", "path+oidn:clean=yes"):
+        for text in ("path:spp=0", "path:spp=many", "path:sampler", "path:=3", "path+", "path+oidn:clean=yes",
+                     "path+oidn:spp=4", "path+oidn+denoise"):
             with self.assertRaises(SystemExit):
                 quality.Method(text)
 
 
+class Clockwork(quality.Bench):
+    """Methods whose time is known: a constant part and one for each sample, which `slower` multiplies after the first
+    seed."""
+
+    def __init__(self, constant, each, slower=1.0):
+        self.constant, self.each, self.slower = constant, each, slower
+        self.work, self.metrics, self.noise, self.seconds_of, self.runs = pathlib.Path("/nowhere"), ["mse"], {}, {}, []
+
+    def run(self, method, spp, seed, folder):
+        name = method.label
+        seconds = (self.constant[name] + self.each[name] * spp) * (self.slower if seed > 1 and name != "path" else 1)
+        self.seconds_of.setdefault(name, {})[spp] = seconds
+        self.runs.append((name, spp, seed))
+        return seconds
+
+    def measure(self, folder, metrics):
+        return {"mse": 1.0}
+
+
+class EqualTime(unittest.TestCase):
+    def compare(self, constant, each, samples, seeds=3, slower=1.0):
+        bench = Clockwork({"path": 0.5, "path+denoise": constant}, {"path": 1.0, "path+denoise": each}, slower)
+        args = argparse.Namespace(time=30, seeds=seeds, metrics=["mse"])
+        methods = [quality.Method("path"), quality.Method("path+denoise")]
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            results = quality.equal_time(bench, methods, args, samples)
+        return results[1], bench.runs, out.getvalue()
+
+    def test_most_samples_that_fit(self):
+        for constant, each, samples in ((2, 1.5, 8), (0.1, 0.02, 8), (3, 1.1, 128), (7, 0.3, 32), (0, 2.4, 8)):
+            r, runs, text = self.compare(constant, each, samples)
+            target = 0.5 + samples
+            self.assertFalse(r["refused"], text)
+            self.assertLessEqual(statistics.fmean(r["seconds"]), 1.05 * target, text)
+            fits = abs(r["seconds"][0] / target - 1) < 0.05 or constant + each * (r["spp"] + 1) > 1.05 * target
+            self.assertTrue(fits, text)
+            self.assertLessEqual(len(runs), 3 + 6 + 2, text)
+
+    def test_what_takes_longer_is_refused(self):
+        r, _, text = self.compare(7.5, 1, 8)  # 9.5 s at its least, two samples, where 8.5 are given
+        self.assertTrue(r["refused"] and not r["figures"] and r["spp"] == 2, text)
+        self.assertAlmostEqual(r["over"], 9.5 / 8.5 - 1)
+        r, _, text = self.compare(6.9, 1, 8)  # 8.9 s
+        self.assertFalse(r["refused"], text)
+
+    def test_seeds_are_run_in_turn(self):
+        r, runs, _ = self.compare(2, 1.5, 8)
+        last = [("path", 8, 2), ("path+denoise", r["spp"], 2), ("path", 8, 3), ("path+denoise", r["spp"], 3)]
+        self.assertEqual(runs[-4:], last)
+        self.assertEqual(sum(seed == 1 and name == "path" for name, _, seed in runs), 1)
+
+    def test_seeds_that_take_longer_get_fewer_samples(self):
+        r, _, text = self.compare(0, 1, 32, slower=1.2)
+        self.assertFalse(r["refused"], text)
+        self.assertLessEqual(statistics.fmean(r["seconds"]), 1.05 * 32.5, text)
+        self.assertGreater(r["spp"], 24, text)
+
+
 class Comparison(unittest.TestCase):
-    def bench(self, *arguments):
+    def bench(self, *arguments, status=0):
         with tempfile.TemporaryDirectory() as folder:
             folder = pathlib.Path(folder)
             (folder / "bin").mkdir()
             (folder / "bin/tempera").symlink_to(TEMPERA.resolve())
             done = subprocess.run([sys.executable, ROOT / "bench/quality.py", "--build", folder, "--work", folder / "work",
                                    *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-            self.assertEqual(done.returncode, 0, done.stdout)
+            self.assertEqual(done.returncode, status, done.stdout)
             return json.loads(next((folder / "bench").glob("quality-*.json")).read_text())[-1], done.stdout
 
     def test_four_times_the_samples_are_a_quarter_of_the_error(self):
@@ -154,6 +266,20 @@ class Comparison(unittest.TestCase):
         self.assertGreater(method["spp"], 4, text)
         # The machine may be busy: what is checked is that calibration converged to the order of the target.
         self.assertLess(abs(math.log(method["seconds"][0] / 4)), math.log(2), text)
+
+    def test_stages_and_parts_of_the_picture(self):
+        stored, text = self.bench(
+            "--scene", "robot", "--resolution", "64x36", "--frames", "1-2", "--seeds", "1", "--reference-spp", "64",
+            "--methods", "path:spp=4,path:spp=4+denoise:method=nl_means", "--metrics",
+            "relmse,relmse_trimmed,relmse@object_id=9", "--bound", "relmse_trimmed=0.5")
+        noisy, clean = (r["figures"][0] for r in stored["results"])
+        for metric in noisy:
+            self.assertLess(clean[metric], 0.5 * noisy[metric], text)
+        self.assertLess(noisy["relmse_trimmed"], noisy["relmse"], text)
+        self.assertNotEqual(noisy["relmse@object_id=9"], noisy["relmse"], text)
+        self.bench("--scene", "cornell-motion", "--resolution", "16x16", "--frames", "1", "--seeds", "1",
+                   "--reference-spp", "64", "--methods", "path:spp=64,path:spp=1", "--metrics", "relmse", "--bound",
+                   "relmse=2", status=6)
 
     def test_equal_error_finds_the_samples(self):
         stored, text = self.bench("--scene", "cornell-motion", "--resolution", "64x64", "--frames", "1", "--reference-spp",

@@ -137,6 +137,11 @@ TEST_F(CliCompare, WhatCannotBeMeasured) {
   EXPECT_EQ(compare({"@a", "--frames", "1-4", "--metrics", "flicker"}).status, 3);
   EXPECT_EQ(compare({"@a", "--metrics", "relmsee"}).status, 2);
   EXPECT_EQ(compare({"@a", "--trim", "51"}).status, 2);
+  EXPECT_EQ(compare({"@a", "--where", "object_id=9"}).status, 3);
+  for (const char* wrong : {"object_id", "object_id=", "=9", "object_id=x", "object_id=nan"}) {
+    EXPECT_EQ(compare({"@a", "--where", wrong}).status, 2) << wrong;
+  }
+  EXPECT_EQ(compare({"@a", "--where", "color=0", "--html", path("r.html")}).status, 2);
   EXPECT_EQ(compare({"@a", "--cutoff", "0.5"}).status, 2);
   EXPECT_EQ(compare({"@nobody*"}).status, 4);
 }

@@ -64,6 +64,30 @@ class CliRun : public CliTest {
   std::string shot_;
 };
 
+TEST_F(CliRun, QualityLeavesCleanFramesOfWhatWasAskedFor) {
+  const std::string shot = write("plain.toml", fmt::format("scene = \"{}\"\nframes = \"1-3\"\nquality = \"draft\"\n"
+                                                           "[film]\nresolution = [24, 18]\n[sampling]\nspp = 2\n"
+                                                           "[output]\nlayers = [\"depth\"]\n"
+                                                           "[denoise]\nmethod = \"nl_means\"\n",
+                                                           source_file("scenes/tests/cornell_motion.xml")));
+  const Outcome o = run({"run", shot, "-o", path("q/f.####.exr"), "--no-video"});
+  ASSERT_EQ(o.status, 0) << o.err;
+  for (int f = 1; f <= 3; ++f) {
+    const Frame noisy = read_frame(path(fmt::format("q/f.{:04}.exr", f)));
+    const Frame clean = read_frame(path(fmt::format("q/final/f.{:04}.exr", f)));
+    EXPECT_TRUE(noisy.has("color.a") && noisy.has("albedo") && noisy.has("motion.backward"));
+    EXPECT_EQ(clean.layer_names(), (std::vector<std::string>{"color", "depth"}));
+    EXPECT_EQ(std::get<int>(clean.metadata.at("tempera/spp")), 2);
+  }
+  // The same command finds everything done; other layers of the result are not the same.
+  const Outcome again = run({"run", shot, "-o", path("q/f.####.exr"), "--no-video", "--resume"});
+  EXPECT_NE(again.err.find("0 frames denoised, 3 already finished"), std::string::npos) << again.err;
+  const Outcome more =
+      run({"run", shot, "-o", path("q/f.####.exr"), "--no-video", "--resume", "--layers", "depth,albedo"});
+  ASSERT_EQ(more.status, 0) << more.err;
+  EXPECT_TRUE(read_frame(path("q/final/f.0002.exr")).has("albedo"));
+}
+
 TEST_F(CliRun, LeavesFinalFramesAndAMovieAndHasNothingToDoTheSecondTime) {
   if (!has_ffmpeg()) GTEST_SKIP() << "ffmpeg is not installed";
   const Outcome o = run_to("a");

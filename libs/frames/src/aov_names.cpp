@@ -33,6 +33,7 @@ struct BlenderPass {
     AovValue value{};
   };
   std::vector<Channel> channels;
+  const char* unit = nullptr;  ///< where it is not that of our layer
 };
 
 const std::vector<BlenderPass>& blender_passes() {
@@ -51,6 +52,8 @@ const std::vector<BlenderPass>& blender_passes() {
       {"object_id", "Object Index", {{"X", 0}}},
       {"uv", "UV", {{"U", 0}, {"V", 1, {-1, 1, 0.0f}}}},  // the origin of ours is at the top of the image
       {"emission", "Emission", rgb},
+      // What "Denoising Data" stores: normals in camera space, whose z points away from the viewer there.
+      {"normal", "Denoising Normal", {{"X", 0}, {"Y", 1}, {"Z", 2, {-1}}}, "unit vector, camera space"},
       // Blender 2.8 to 4.
       {"object_id", "IndexOB", {{"X", 0}}},
       {"emission", "Emit", rgb},
@@ -166,6 +169,7 @@ LayerSource foreign_layer(LayerDesc desc, const RawLayer& raw) {
 /// otherwise (Depth.V), by their order.
 LayerSource from_blender(const BlenderPass& pass, const RawLayer& raw) {
   LayerSource s = foreign_layer(*layers::find(pass.ours), raw);
+  if (pass.unit) s.desc.unit = pass.unit;
   for (std::size_t i = 0; i < pass.channels.size() && i < raw.channels.size(); ++i) {
     const BlenderPass::Channel& c = pass.channels[i];
     const auto named =
@@ -313,16 +317,23 @@ class Translation {
     }
   }
 
-  /// "<view layer>.<pass>"
+  /// "<view layer>.<pass>", the passes that are told best first.
   void claim_passes() {
-    for (const RawLayer& l : raw_) {
-      if (l.known) continue;
+    const auto pass_of = [](const RawLayer& l) {
       const auto dot = l.name.rfind('.');
-      const std::string pass = dot == std::string::npos ? "" : l.name.substr(dot + 1);
-      if (pass.empty()) continue;
-      for (const BlenderPass& p : blender_passes()) {
-        if (pass == p.theirs) claim(l, from_blender(p, l));
+      return l.known || dot == std::string::npos ? "" : l.name.substr(dot + 1);
+    };
+    for (const BlenderPass& p : blender_passes()) {
+      // What the compositor made of a view layer is not what its other passes are of.
+      for (const bool composite : {false, true}) {
+        for (const RawLayer& l : raw_) {
+          if (pass_of(l) == p.theirs && l.name.starts_with("Composite.") == composite) claim(l, from_blender(p, l));
+        }
       }
+    }
+    for (const RawLayer& l : raw_) {
+      const std::string pass = pass_of(l);
+      if (pass.empty()) continue;
       if (is_crypto(pass)) claim(l, *layers::find(pass));
       if (const auto d = find_underscored(pass)) claim(l, *d);
     }

@@ -202,7 +202,12 @@ void write_frame(const std::string& path, const Frame& frame, const WriteOptions
   for (const auto& entry : metadata) {
     const std::string& name = entry.first;
     if (const double* number = std::get_if<double>(&entry.second)) {
-      spec.attribute(name, OIIO::TypeDesc::DOUBLE, number);
+      // The attributes that EXR defines are single floats; the library leaves those of another type out.
+      if (!name.starts_with("tempera/") && double(float(*number)) == *number) {
+        spec.attribute(name, float(*number));
+      } else {
+        spec.attribute(name, OIIO::TypeDesc::DOUBLE, number);
+      }
     } else if (const int* integer = std::get_if<int>(&entry.second)) {
       spec.attribute(name, *integer);
     } else {

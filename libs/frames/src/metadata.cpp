@@ -3,9 +3,11 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <numeric>
+#include <sstream>
 
 namespace tempera {
 namespace {
@@ -103,6 +105,36 @@ std::string stage_fingerprint_key(std::string_view stage) { return fmt::format("
 
 bool is_fingerprint_key(std::string_view key) {
   return key == kFingerprintKey || (key.starts_with("tempera/") && key.ends_with("_fingerprint"));
+}
+
+namespace {
+constexpr const char* kClassesKey = "tempera/classes";
+}  // namespace
+
+void set_classes(Metadata& metadata, std::span<const ClassInfo> classes) {
+  std::string lines;
+  for (const ClassInfo& c : classes) {
+    std::string expression = c.expression;
+    std::replace_if(
+        expression.begin(), expression.end(), [](char x) { return x == '\t' || x == '\n'; }, ' ');
+    lines += fmt::format("{}\t{}\t{}\n", c.name, expression, fmt::join(c.chains, " "));
+  }
+  if (!classes.empty()) metadata[kClassesKey] = lines;
+}
+
+std::vector<ClassInfo> classes(const Metadata& metadata) {
+  std::vector<ClassInfo> out;
+  const auto found = metadata.find(kClassesKey);
+  if (found == metadata.end()) return out;
+  std::istringstream lines(to_text(found->second));
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream fields(line);
+    ClassInfo c;
+    std::getline(fields, c.name, '\t'), std::getline(fields, c.expression, '\t');
+    for (std::string chain; fields >> chain;) c.chains.push_back(chain);
+    out.push_back(std::move(c));
+  }
+  return out;
 }
 
 void set_render_info(Metadata& m, const RenderInfo& info) {

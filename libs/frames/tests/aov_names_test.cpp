@@ -190,6 +190,32 @@ TEST_F(AovFile, BlenderVectorsBecomeMotion) {
   EXPECT_FALSE(f.has("View Layer.Vector"));
 }
 
+// What "Denoising Data" and "Vector" alone store, in the order of Cycles, and what the compositor adds.
+TEST_F(AovFile, BlendersDenoisingData) {
+  write_channels(path("f.exr"),
+                 {"Composite.Combined.R", "Composite.Combined.G", "Composite.Combined.B", "Composite.Combined.A",
+                  "ViewLayer.Combined.R", "ViewLayer.Combined.G", "ViewLayer.Combined.B", "ViewLayer.Combined.A",
+                  "ViewLayer.Denoising Normal.X", "ViewLayer.Denoising Normal.Y", "ViewLayer.Denoising Normal.Z",
+                  "ViewLayer.Denoising Albedo.R", "ViewLayer.Denoising Albedo.G", "ViewLayer.Denoising Albedo.B",
+                  "ViewLayer.Denoising Depth.Z"});
+  const Frame f = read_frame(path("f.exr"));
+  EXPECT_EQ(f.layer("color").at(0, 0, 0), 5) << "of the view layer, whose other passes are there";
+  EXPECT_TRUE(f.has("Composite.Combined"));
+  EXPECT_EQ(f.layer("normal").vec3(0, 0), (Vec3f{9, 10, -11})) << "z points to the viewer for us";
+  EXPECT_EQ(f.desc("normal").unit, "unit vector, camera space");
+  EXPECT_EQ(f.layer("albedo").rgb(1, 0), (Rgb{22, 23, 24}));
+
+  write_channels(path("g.exr"),
+                 {"A.Combined.R", "A.Combined.G", "A.Combined.B", "A.Denoising Normal.X", "A.Denoising Normal.Y",
+                  "A.Denoising Normal.Z", "A.Normal.X", "A.Normal.Y", "A.Normal.Z"});
+  const Frame g = read_frame(path("g.exr"));
+  EXPECT_EQ(g.layer("normal").vec3(0, 0), (Vec3f{7, 9, -8})) << "normals in world space are better";
+  EXPECT_EQ(g.desc("normal"), layers::normal());
+  EXPECT_TRUE(g.has("A.Denoising Normal"));
+  write_channels(path("h.exr"), {"Composite.Combined.R", "Composite.Combined.G", "Composite.Combined.B"});
+  EXPECT_EQ(read_frame(path("h.exr")).layer("color").at(0, 0, 2), 3);
+}
+
 TEST_F(AovFile, AmbiguousNamesStay) {
   write_channels(path("f.exr"), {"A.Combined.R", "A.Combined.G", "A.Combined.B", "B.Combined.R", "B.Combined.G",
                                  "B.Combined.B", "B.Depth.Z"});

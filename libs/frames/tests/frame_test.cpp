@@ -225,6 +225,44 @@ TEST_F(FrameFile, HeaderAndChosenLayers) {
   EXPECT_NE(e.message().find("color"), std::string::npos);
 }
 
+// Numbers that EXR defines are single floats: the library would leave out those of another type, with a message.
+TEST_F(FrameFile, AttributesOfOtherProgramsComeBack) {
+  OIIO::ImageSpec spec(1, 1, 3, OIIO::TypeDesc::FLOAT);
+  spec.attribute("XResolution", 72.0f);
+  spec.attribute("whiteLuminance", 0.1f);
+  const float black[3] = {};
+  const auto out = OIIO::ImageOutput::create(path("f.exr"));
+  ASSERT_TRUE(out && out->open(path("f.exr"), spec) && out->write_image(OIIO::TypeDesc::FLOAT, black) && out->close());
+  Frame f = read_frame(path("f.exr"));
+  f.metadata["tempera/number"] = 0.5;
+  testing::internal::CaptureStderr();
+  write_frame(path("g.exr"), f);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+  const Metadata back = read_metadata(path("g.exr"));
+  EXPECT_EQ(std::get<double>(back.at("XResolution")), 72);
+  EXPECT_EQ(std::get<double>(back.at("whiteLuminance")), double(0.1f));
+  const auto in = OIIO::ImageInput::open(path("g.exr"));
+  EXPECT_EQ(in->spec().find_attribute("tempera/number")->type(), OIIO::TypeDesc::DOUBLE) << "as all numbers of ours";
+}
+
+TEST_F(FrameFile, ClassesComeBack) {
+  const std::vector<ClassInfo> some{
+      {"direct", "ED", {"D"}}, {"emission", "E", {}}, {"seen", "E (R |T)D.*", {"RD", "TD"}}};
+  Frame f(1, 1);
+  f.create(layers::color());
+  set_classes(f.metadata, {});
+  EXPECT_TRUE(f.metadata.empty());
+  set_classes(f.metadata, some);
+  write_frame(path("f.exr"), f);
+  EXPECT_EQ(classes(read_metadata(path("f.exr"))), some);
+  EXPECT_EQ(to_text(f.metadata.at("tempera/classes")), "direct\tED\tD\nemission\tE\t\nseen\tE (R |T)D.*\tRD TD\n");
+  EXPECT_TRUE(classes({}).empty());
+  set_classes(f.metadata, std::vector<ClassInfo>{{"wide", "E\tD D", {"D"}}});
+  EXPECT_EQ(classes(f.metadata), (std::vector<ClassInfo>{{"wide", "E D D", {"D"}}})) << "expressions may have tabs";
+  f.metadata["tempera/classes"] = std::string("lone\n");
+  EXPECT_EQ(classes(f.metadata), (std::vector<ClassInfo>{{"lone", "", {}}}));
+}
+
 TEST_F(FrameFile, RenderInfoComesBack) {
   RenderInfo info{"0.1.0", "tempera render x",  "x.toml", "abc",  "path", "depth=5",
                   64,      0xfedcba9876543210u, 1001,     23.976, -0.25,  0.25,

@@ -2,7 +2,9 @@
 // Reading the files of a frame and measuring what is in them.
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <span>
 
 #include "comparison.h"
@@ -42,6 +44,7 @@ Comparison::ReferenceFrame Comparison::load_reference(int frame) const {
   add(has_halves_, layers::color_b());
   add(own_vectors && reads_backward_, layers::motion_backward());
   add(own_vectors && reads_forward_, layers::motion_forward());
+  if (options_.where) read.layers.push_back(options_.where->layer);
   Frame f = read_frame(reference_.path(reference_frame(frame)), read);
   r.image = std::move(f.layer(options_.layer));
   if (second_) {
@@ -58,6 +61,7 @@ Comparison::ReferenceFrame Comparison::load_reference(int frame) const {
   const auto take = [&](bool use, const LayerDesc& layer, Image& image) {
     if (use) image = std::move(f.layer(layer.name));
   };
+  if (options_.where) r.region = f.layer(options_.where->layer);
   take(has_halves_, layers::color_a(), r.half_a);
   take(has_halves_, layers::color_b(), r.half_b);
   take(own_vectors && reads_backward_, layers::motion_backward(), r.backward);
@@ -74,7 +78,19 @@ Comparison::ReferenceFrame Comparison::load_reference(int frame) const {
                       vectors->width(), vectors->height(), reference_.pattern(), r.image.width(), r.image.height()));
     }
   }
+  if (options_.where) {
+    for (Image* image : {&r.image, &r.first, &r.second}) keep_region(*image, r.region);
+  }
   return r;
+}
+
+void Comparison::keep_region(Image& image, const Image& layer) const {
+  for (int y = 0; y < image.height(); ++y) {
+    for (int x = 0; x < image.width(); ++x) {
+      if (layer.at(x, y, 0) == options_.where->value) continue;
+      std::fill_n(image.pixel(x, y), image.channels(), std::numeric_limits<float>::quiet_NaN());
+    }
+  }
 }
 
 void Comparison::load(int frame) {
@@ -107,6 +123,16 @@ void Comparison::load(int frame) {
     throw Error(ErrorCode::kBadInput,
                 fmt::format("{} has {}x{} pixels, frames before it {}x{}", reference_.path(reference_frame(frame)),
                             now_.image.width(), now_.image.height(), result_.width, result_.height));
+  }
+  for (Run* r : active_) {
+    CompareSide& side = result_.sides[r->side];
+    side.non_finite[sorted_index(side.frames, frame)] += count_non_finite(r->now.image);
+    if (options_.where) keep_region(r->now.image, now_.region);
+  }
+  if (options_.where) {
+    const std::span<const float> values = now_.region.values();
+    const int step = now_.region.channels();
+    for (std::size_t i = 0; i < values.size(); i += step) region_pixels_ += values[i] == options_.where->value;
   }
 }
 
@@ -158,10 +184,6 @@ void Comparison::measure(int frame) {
     if (noise) noise_[m][sorted_index(all_frames_, frame)] = out.back().mean.value;
   }
   batch.tests = std::span(tests).first(active_.size());
-  for (const Run* r : active_) {
-    CompareSide& side = result_.sides[r->side];
-    side.non_finite[sorted_index(side.frames, frame)] += count_non_finite(r->now.image);
-  }
   if (uses_seeds_) measure_seeds(frame);
   if (uses_spectra_) record_residuals(frame);
   if (observer_) show(frame, batch, maps);

@@ -134,6 +134,11 @@ void Comparison::plan_files() {
   result_.width = header.width, result_.height = header.height;
   has_halves_ = !second_ && options_.layer == layers::color().name && has(header, layers::color_a().name) &&
                 has(header, layers::color_b().name);
+  if (options_.where && !has(header, options_.where->layer)) {
+    throw Error(ErrorCode::kBadInput,
+                fmt::format("the reference {} has no layer {}, which is to tell the part of the picture to compare",
+                            reference_.pattern(), options_.where->layer));
+  }
   FrameHeader vectors = header;
   if (!options_.motion.empty()) {
     motion_.emplace(options_.motion);
@@ -152,6 +157,7 @@ void Comparison::plan_files() {
 }
 
 std::string Comparison::obstacle(const MetricInfo& m) const {
+  if (options_.where && !m.trims) return "of a part of the picture only squared errors are measured";
   const std::string vectors = options_.motion.empty() ? reference_.pattern() : options_.motion;
   switch (m.needs) {
     case MetricNeeds::kNothing:

@@ -142,6 +142,11 @@ MetricSeries Comparison::spectrum_series(const MetricEntry& entry, std::size_t s
 }
 
 void Comparison::finish() {
+  if (options_.where && region_pixels_ == 0) {
+    throw Error(ErrorCode::kBadInput,
+                fmt::format("no pixel of the reference {} has {} = {:g}: there is nothing to compare",
+                            reference_.pattern(), options_.where->layer, options_.where->value));
+  }
   result_.reference_error = mean_error(reference_errors_);
   seeds_.resize(result_.sides.size());
   take_noise_out();
@@ -174,6 +179,11 @@ void Comparison::add_notes() {
   if (options_.trim > 0 && !trimmed.empty()) {
     notes.push_back(fmt::format("The {:g} % of the pixels with the largest errors are left out of {}.",
                                 options_.trim * 100, fmt::join(trimmed, ", ")));
+  }
+  if (options_.where) {
+    const double all = double(result_.width) * result_.height * double(all_frames_.size());
+    notes.push_back(fmt::format("Only the pixels where {} is {:g} count, {:.2g} % of all.", options_.where->layer,
+                                options_.where->value, 100 * double(region_pixels_) / all));
   }
   if (choice_->stride > 1) {
     notes.push_back(fmt::format("Flicker was measured at one pixel of each {0}x{0}, to save memory.", choice_->stride));

@@ -148,7 +148,8 @@ std::string to_json(const CompareResult& result) {
            {"pixels_per_degree", o.pixels_per_degree},
            {"trim", o.trim},
            {"cutoff", o.cutoff},
-           {"motion", o.motion}}},
+           {"motion", o.motion},
+           {"where", o.where ? Json{{"layer", o.where->layer}, {"value", o.where->value}} : Json(nullptr)}}},
          {"notes", result.notes},
          {"metrics", std::move(metrics)},
          {"sides", Json::array()}};

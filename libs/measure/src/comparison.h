@@ -80,6 +80,7 @@ class Comparison {
     Image image;          ///< the mean, if there are two references
     Image first, second;  ///< empty if there is one
     Image half_a, half_b, backward, forward;
+    Image region;  ///< the layer of CompareOptions::where
   };
 
   // --- What to compare (compare_plan.cpp)
@@ -101,6 +102,8 @@ class Comparison {
 
   void load(int frame);
   ReferenceFrame load_reference(int frame) const;
+  /// Pixels outside of the region become NaN, which metrics leave out.
+  void keep_region(Image& image, const Image& layer) const;
   Image load_vectors(const FrameSequence& sequence, int frame, const LayerDesc& layer) const;
   /// The reference in the frame before; null if that was not compared.
   const ReferenceFrame* reference_before(int frame) const;
@@ -154,6 +157,7 @@ class Comparison {
   std::vector<Run> runs_;
   std::vector<Run*> active_;  ///< that have the current frame
   ReferenceFrame now_, before_;
+  std::int64_t region_pixels_ = 0;  ///< of all frames
   std::vector<double> reference_errors_;
   std::vector<std::vector<BiasVariance>> seeds_;  ///< [side][frame]
   std::vector<SpectrumPlan> plans_;

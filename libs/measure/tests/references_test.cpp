@@ -244,6 +244,54 @@ TEST_F(TwoReferences, TrimmedErrorsLeaveOutTheFirefliesOfTheReferences) {
   EXPECT_NEAR(mean(compare({input(x)}, a, b.pattern(), {"mse"}, 0.002), "mse") / expected, 1, 0.15);
 }
 
+TEST_F(TwoReferences, APartOfThePictureIsComparedByItself) {
+  // An object that moves along by a pixel a frame and is not there in the last one. Errors are 0.1 on it and 3 around.
+  const auto on = [](int x, int y, int t) { return t < 3 && x >= 8 + t && x < 24 + t && y >= 10 && y < 30; };
+  const auto make = [&](const std::string& name, float object, float around) {
+    return write(name, 1, 3, [=](int t) {
+      Frame frame = color_frame(filled(kWidth, kHeight, 3, [=](int x, int y, int) {
+        return 1 + (on(x, y, t) ? (x % 2 ? object : -object) : around) * float(t);
+      }));
+      frame.add(layers::object_id(),
+                filled(kWidth, kHeight, 1, [=](int x, int y, int) { return on(x, y, t) ? 9.f : 4.f; }));
+      frame.add(layers::motion_backward(), vectors(kWidth, kHeight, -1, 0));
+      return frame;
+    });
+  };
+  const auto a = make("a", 0, 0.01f), b = make("b", 0, -0.01f), x = make("x", 0.1f, 3);
+  CompareOptions options{
+      .metrics = {"mse", "relmse", "temporal_compensated"}, .reference2 = b.pattern(), .where = Region{"object_id", 9}};
+  const CompareResult r = compare_sequences({input(x)}, a, options);
+  const auto& mse = r.sides[0].find("mse")->values;
+  EXPECT_NEAR(mse[0], 0.01, 1e-6);
+  EXPECT_NEAR(mse[1], 0.04, 1e-6);
+  EXPECT_TRUE(std::isnan(mse[2])) << "the object is not there";
+  EXPECT_NEAR(mean(r, "mse"), 0.025, 1e-6);
+  EXPECT_NEAR(mean(r, "relmse"), 0.025 / 1.01, 1e-6);
+  // The signs follow the columns, not the object: along motion -0.1 becomes 0.2 and the other way round.
+  EXPECT_NEAR(mean(r, "temporal_compensated"), 0.09 / 1.01, 1e-6);
+  EXPECT_NEAR(r.reference_noise[1], 0, 1e-9) << "that of the object";
+  EXPECT_EQ(r.sides[0].non_finite, std::vector<std::int64_t>(3, 0));
+  EXPECT_NE(to_table(r).find("Only the pixels where object_id is 9 count, 6.9 % of all."), std::string::npos)
+      << to_table(r);
+
+  const auto message = [&](const CompareOptions& o) {
+    try {
+      compare_sequences({input(x)}, a, o);
+    } catch (const Error& e) {
+      return e.message();
+    }
+    return std::string();
+  };
+  EXPECT_EQ(message({.metrics = {"flip"}, .where = Region{"object_id", 9}}),
+            "\"flip\" cannot be measured: of a part of the picture only squared errors are measured");
+  EXPECT_EQ(message({.where = Region{"object_id", 5}}),
+            "no pixel of the reference " + a.pattern() + " has object_id = 5: there is nothing to compare");
+  EXPECT_EQ(
+      message({.where = Region{"depth", 5}}),
+      "the reference " + a.pattern() + " has no layer depth, which is to tell the part of the picture to compare");
+}
+
 TEST_F(TwoReferences, AStillPictureServesAllFrames) {
   const auto still = [&](const std::string& name, int key) {
     return write_colors(name, 1, 1, [=](int) {

@@ -162,12 +162,11 @@ void GradientTile::sample_pixel(const FrameContext& context, const GradientOptio
   std::vector<Rgb> classes(4 * class_count_);
   for (int i = first; i < first + count; ++i) {
     const CameraSample camera = camera_sample(context, key, x, y, i);
-    const Vec3f axis = film_.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
     const FrameContext& now = context.at(camera.time);
     std::fill(classes.begin(), classes.end(), Rgb(0.0f));
     ShiftObserver<kByClass> shifts(now, options.path, options.roughness_threshold, camera, neighbours, classes);
     const SampleResult r =
-        trace_path(now, options.path, camera, axis, film_.sample_classes(), film_.features(), shifts, film_.chains());
+        trace_path(now, options.path, camera, film_.sample_classes(), film_.features(), shifts, film_.chains());
     rays += r.rays + shifts.rays();
     shadow_rays += r.shadow_rays;
     bool finite = true;
@@ -295,7 +294,7 @@ Rgb replay_gradients(const FrameContext& context, const GradientOptions& options
   const FrameContext& now = context.at(camera.time);
   ShiftObserver<false> shifts(now, options.path, options.roughness_threshold, camera,
                               inside(context.settings, sample.x, sample.y));
-  const Rgb radiance = trace_path(now, options.path, camera, {}, {}, Features::kNone, shifts).radiance * camera.weight;
+  const Rgb radiance = trace_path(now, options.path, camera, {}, Features::kNone, shifts).radiance * camera.weight;
   for (std::size_t j = 0; j < 4 && is_finite(radiance); ++j) {
     if (!is_finite(shifts.g(j))) return shifts.g(j);
   }

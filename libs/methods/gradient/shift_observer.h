@@ -97,7 +97,8 @@ class ShiftObserver {
   void reconnect(const Extension& e, const Rgb& base, float base_weight, Offset& o);
   void copy_half_vector(const Extension& e, const Rgb& base, Offset& o);
   /// Scattering of an offset path by `f`: its share of throughput, density and roulette.
-  void scatter(const Extension& e, const BsdfEval& f, float pdf, float jacobian, float eta, Offset& o) const;
+  TEMPERA_INLINE void scatter(const Extension& e, const BsdfEval& f, float pdf, float jacobian, float eta,
+                              Offset& o) const;
 
   const FrameContext& context_;
   const PathOptions& options_;

@@ -137,8 +137,7 @@ class LightPath final : public Method {
         if (!out.wants(x, y)) continue;
         for (int i = 0; i < context.settings.spp; ++i) {
           const CameraSample camera = camera_sample(context, x, y, i);
-          const Vec3f axis = film.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
-          const SampleResult r = trace_path(context.at(camera.time), seen, camera, axis, {}, film.features(), none);
+          const SampleResult r = trace_path(context.at(camera.time), seen, camera, {}, film.features(), none);
           counters.rays += r.rays;
           if (!film.add(x, y, i, camera, r)) counters.note_bad({context.frame, x, y, i, own_key(context, x, y)});
         }

@@ -54,9 +54,8 @@ class PathMethod final : public Method {
     std::uint64_t samples = 0, rays = 0, shadow_rays = 0;
     const auto take = [&](int x, int y, int index) {
       const CameraSample camera = camera_sample(context, x, y, index);
-      const Vec3f axis = film.features() != Features::kNone ? context.camera.axis(camera.time) : Vec3f{};
       NoObserver none;
-      const SampleResult r = trace_path(context.at(camera.time), options_, camera, axis, film.sample_classes(),
+      const SampleResult r = trace_path(context.at(camera.time), options_, camera, film.sample_classes(),
                                         film.features(), none, film.chains());
       ++samples;
       rays += r.rays;
@@ -78,8 +77,7 @@ class PathMethod final : public Method {
   Rgb replay(const FrameContext& context, const BadSample& sample) const override {
     const CameraSample camera = camera_sample(context, sample.numbers, sample.x, sample.y, sample.sample);
     NoObserver none;
-    return trace_path(context.at(camera.time), options_, camera, {}, {}, Features::kNone, none).radiance *
-           camera.weight;
+    return trace_path(context.at(camera.time), options_, camera, {}, Features::kNone, none).radiance * camera.weight;
   }
 
  private:
@@ -93,8 +91,8 @@ class PathMethod final : public Method {
         if (!out.wants(x, y)) continue;
         for (int i = 0; i < feature_samples_; ++i) {
           const CameraSample camera = camera_sample(context, x, y, context.settings.spp + i);
-          const SampleResult r = trace_features(context.at(camera.time), options_, camera,
-                                                context.camera.axis(camera.time), film.features(), film.chains());
+          const SampleResult r =
+              trace_features(context.at(camera.time), options_, camera, film.features(), film.chains());
           rays += r.rays;
           film.add_features(x, y, camera, r.first);
         }

@@ -161,6 +161,7 @@ CameraRay CameraModel::ray(const Vec2f& pixel, const Vec2f& lens, double t) cons
     const double x = (1 - 2 * (pixel.x / size_.x - offset_.x)) * p.half_width;
     const double y = (1 - 2 * (pixel.y / size_.y - offset_.y)) * p.half_height;
     CameraRay r;
+    r.axis = Vec3f(m.z);
     if (!perspective_ && !(p.aperture > 0)) {
       r.o = Vec3f(m.translation + m.x * x + m.y * y);
       r.d = Vec3f(m.z);

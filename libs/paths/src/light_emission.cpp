@@ -46,7 +46,7 @@ void LightSampler::Impl::emit_area(const AreaLight& light, double t, float u1, c
                                    LightEnd& e) const {
   const AreaEmission& emission = *light.emission;
   const SurfacePoint& point = e.point.emplace(even_point(light, u1, position));
-  e.p = this->position(light, point, t, e.n);
+  locate(light, point, t, e.p, e.n);
   if (emission.spot) {
     e.w = sample_cone(spot_axis(*emission.spot, t), cone_of(*emission.spot, t), direction);
   } else {
@@ -185,8 +185,8 @@ EmissionPdf LightSampler::emission_pdf(const LightEnd& end, const Vec3f& w, doub
   EmissionPdf r{s.choice.by_power().probability(end.light), 1, 1};
   if (end.light < s.areas.size()) {
     const AreaLight& light = s.areas[end.light];
-    Vec3f ng;
-    s.position(light, *end.point, t, ng);
+    Vec3f p, ng;
+    s.locate(light, *end.point, t, p, ng);
     r.position = s.pdf_area(light, *end.point, ng, t);
     r.direction = s.direction_pdf(light, ng, w, t);
     return r;

@@ -242,8 +242,8 @@ Rgb LightSampler::Impl::directed(const AreaEmission& emission, const Vec3f& ng, 
   return factor;
 }
 
-inline bool LightSampler::Impl::sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u,
-                                            LightSample& r) const {
+TEMPERA_INLINE bool LightSampler::Impl::sample_area(const AreaLight& light, const Vec3f& p, double t, float u1, Vec2f u,
+                                                    LightSample& r) const {
   SurfacePoint& point = r.point.emplace(even_point(light, u1, u));
   if (const auto sphere = round_sphere(light, t)) {
     const Vec3f to_center = sphere->center - p;
@@ -281,10 +281,11 @@ std::optional<float> LightSampler::Impl::cap_pdf(const AreaLight& light, const V
 }
 
 /// Light from the point of an area light that `r` holds.
-inline bool LightSampler::Impl::from_area(const AreaLight& light, const Vec3f& p, double t, LightSample& r) const {
+bool LightSampler::Impl::from_area(const AreaLight& light, const Vec3f& p, double t, LightSample& r) const {
   const SurfacePoint& point = *r.point;
-  Vec3f ng;
-  const Vec3f q = position(light, point, t, ng), to_light = q - p;
+  Vec3f q, ng;
+  locate(light, point, t, q, ng);
+  const Vec3f to_light = q - p;
   const float d2 = length_squared(to_light);
   if (!(d2 > 0)) return false;
   r.distance = std::sqrt(d2);

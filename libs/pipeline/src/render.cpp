@@ -506,10 +506,9 @@ class JobRender {
     set_render_info(m, info);
     m[kFingerprintKey] = fingerprint(q_.shot, q_.scene, frame);
     const RenderSettings& s = q_.shot.settings;
-    std::string classes;
-    for (const PathClass& c : s.classes)
-      classes += fmt::format("{}\t{}\t{}\n", c.name, c.expression, fmt::join(chains_of_class(c), " "));
-    if (!classes.empty()) m["tempera/classes"] = classes;
+    std::vector<ClassInfo> classes;
+    for (const PathClass& c : s.classes) classes.push_back({c.name, c.expression, chains_of_class(c)});
+    set_classes(m, classes);
     if (const double aspect = q_.scene.cameras[s.camera].pixel_aspect; aspect != 1) m[kPixelAspectKey] = aspect;
     if (s.crop_width > 0) {  // layers of pixel indices count in the full picture
       m["tempera/crop_left"] = s.crop_x;

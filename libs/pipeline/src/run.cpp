@@ -9,6 +9,7 @@
 #include <set>
 
 #include "hash.h"
+#include "quality.h"
 #include "tempera/frames/frame.h"
 #include "tempera/stages/stage_plan.h"
 
@@ -144,7 +145,7 @@ Shot pixel_shot(const ShotConfig& config, const Shot& shot, const StageStep& ste
         fmt::format("the stage {} has pixels rendered by a mask of its own: a shot with it takes no other", who));
   }
   const auto fail = [&](ErrorCode code, const std::string& why) {
-    throw Error(code, config.loc("stages", step.asked),
+    throw Error(code, stages_loc(config, step.asked),
                 fmt::format("the stage {} has single pixels rendered, {}", who, why));
   };
   if (!find_method(shot.integrator).make(shot.params)->renders_single_pixels()) {
@@ -209,7 +210,7 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
       rendered.insert(chained.source.begin(), chained.source.end());
       if (steps.empty()) {
         steps = chained.steps;
-        for (const StageStep& step : steps) plan.stages.push_back({step.choice, "", {}, {}, between, {}});
+        for (const StageStep& step : steps) plan.stages.push_back({step.choice, "", {}, {}, between, {}, {}});
       }
       for (std::size_t i = 0; i < steps.size(); ++i) {
         const std::vector<int>& frames = chained.steps[i].frames;
@@ -221,13 +222,17 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
     }
     if (shot.halo >= 0) plan.loss = halo_loss(chain, source, sections);
   } catch (const MissingLayerError& e) {
-    throw Error(e.code(), config.loc("stages", e.step()),
+    throw Error(e.code(), stages_loc(config, e.step()),
                 fmt::format("{}, which no step before it writes: {}", e.message(), how_to_get(e.use().layer, shot)));
   } catch (const Error& e) {
-    if (!e.loc().file.empty() || !config.find("stages")) throw;
-    throw Error(e.code(), config.loc("stages"), e.message());
+    if (!e.loc().file.empty() || stages_loc(config).file.empty()) throw;
+    throw Error(e.code(), stages_loc(config), e.message());
   }
   plan.stages.back().write = shot.final_write;
+  plan.stages.back().leave_out = shot.stage_layers;
+  std::erase_if(layers, [&](const LayerDesc& d) {
+    return std::find(shot.stage_layers.begin(), shot.stage_layers.end(), d.name) != shot.stage_layers.end();
+  });
   for (std::size_t i = 0; i < steps.size(); ++i) {
     if (!steps[i].fills()) continue;
     Shot pixels = pixel_shot(config, shot, steps[i]);
@@ -238,7 +243,7 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
   const std::vector<int>& made = plan.stages.back().frames;
   std::erase_if(plan.frames, [&](int f) { return !std::binary_search(made.begin(), made.end(), f); });
   if (plan.frames.empty()) {
-    throw Error(ErrorCode::kBadInput, config.loc("stages"),
+    throw Error(ErrorCode::kBadInput, stages_loc(config),
                 fmt::format("the stages make none of the frames {}", describe_frames(shot.frames)));
   }
   plan.render.frames.assign(rendered.begin(), rendered.end());
@@ -311,8 +316,11 @@ void run_stages(const RunPlan& plan, const Scene& scene, const RenderOptions& op
       RenderObserver* const observers[] = {watching.get()};
       observer.end_pixels(stage, render_sequence(*stage.pixels, scene, of_pixels, observers, stop));
     }
-    const StageOptions of_stage{
-        .sections = stage.sections, .resume = options.resume, .write = stage.write, .command = options.command};
+    const StageOptions of_stage{.sections = stage.sections,
+                                .resume = options.resume,
+                                .write = stage.write,
+                                .leave_out = stage.leave_out,
+                                .command = options.command};
     const std::unique_ptr<StageObserver> watching = observer.begin_stage(stage);
     observer.end_stage(stage, run_stage(stage.choice, stage_input(plan, i), stage.output, of_stage, *watching, stop));
   }

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "hash.h"
+#include "quality.h"
 #include "shot_motion.h"
 #include "tempera/frames/files.h"
 #include "tempera/import/paths.h"
@@ -228,6 +229,7 @@ Params stage_params(const ShotConfig& config, const StageEntry& entry) {
   for (const ParamSpec& s : entry.params) {
     if (const ShotValue* v = config.find(key(s.name))) params.set(s.name, v->value, v->loc);
   }
+  if (entry.name == quality_stage() && quality_of(config) && !config.find(key("method"))) params.set("method", "auto");
   try {
     entry.make(params);
   } catch (const StageParamError& e) {  // of several together
@@ -250,6 +252,7 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
     for (const StageEntry* e : stage_catalog()) {
       if (e->follows && e->follows(layers)) add(*e);
     }
+    if (quality_of(config)) add(find_stage(quality_stage()));
     return;
   }
   std::string_view text = config.get_string("stages");
@@ -271,27 +274,35 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
   }
 }
 
-/// Asks the integrator for what the first stage that the shot names can make use of, as far as it writes that.
+/// Asks the integrator for what a stage that the shot names can make use of, as far as it writes that.
 void add_layers_for(const StageChoice& stage, Shot& shot, std::vector<LayerDesc>& layers) {
   const RenderSettings& s = shot.settings;
-  const SequenceDesc rendered{shot.sequence, shot.sequence, {}, s.x1() - s.x0(), s.y1() - s.y0(), layers};
-  std::vector<LayerUse> uses;
+  SequenceDesc rendered{shot.sequence, shot.sequence, {}, s.x1() - s.x0(), s.y1() - s.y0(), layers};
+  std::set<std::string> tried;
+  const auto next = [&]() -> std::optional<LayerDesc> {  // what it can use may depend on what there is
+    for (const LayerUse& use : stage.entry->make(stage.params)->reads(0, std::span(&rendered, 1))) {
+      if (!rendered.has(use.layer) && tried.insert(use.layer.name).second) return use.layer;
+    }
+    return std::nullopt;
+  };
   try {
-    uses = stage.entry->make(stage.params)->reads(0, std::span(&rendered, 1));
+    while (const auto layer = next()) {
+      RenderSettings more = shot.settings;
+      more.layers.push_back(layer->name);
+      try {
+        rendered.layers = rendered_layers(shot.integrator, shot.params, more);
+        shot.settings = std::move(more);
+      } catch (const SettingError&) {
+        continue;  // the stage says what it misses
+      }
+    }
   } catch (const Error&) {
     return;  // who plans the stages says it, and where
   }
-  for (const LayerUse& use : uses) {
-    if (rendered.has(use.layer)) continue;
-    RenderSettings more = shot.settings;
-    more.layers.push_back(use.layer.name);
-    try {
-      layers = rendered_layers(shot.integrator, shot.params, more);
-      shot.settings = std::move(more);
-    } catch (const SettingError&) {
-      continue;  // the stage says what it misses
-    }
+  for (const LayerDesc& d : rendered.layers) {
+    if (std::find(layers.begin(), layers.end(), d) == layers.end()) shot.stage_layers.push_back(d.name);
   }
+  layers = rendered.layers;
 }
 
 void settle_classes(const ShotConfig& config, RenderSettings& s) {
@@ -584,7 +595,10 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   s.camera = find_camera(config, scene);
   shot.edits += edit_cameras(config, s, scene);
   shot.edits += attach_caches(config, s.clock, scene);
-  s.spp = config.find("sampling.spp") ? config.get_int("sampling.spp") : scene.defaults.spp.value_or(s.spp);
+  const Quality* quality = quality_of(config);
+  s.spp = config.find("sampling.spp") ? config.get_int("sampling.spp")
+          : quality                   ? quality->spp
+                                      : scene.defaults.spp.value_or(s.spp);
   s.seed = std::uint64_t(config.get_int("sampling.seed"));
   s.seed_per_frame = config.get_bool("sampling.seed_per_frame");
   const std::string sampler = config.find("sampling.sampler") ? config.get_string("sampling.sampler")
@@ -613,6 +627,8 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
         fmt::format("\"{}\" cannot name a view layer: it must hold something, and no dot", shot.write.view_layer));
   }
   shot.final_write = shot.write;
+  // Deflating what the denoiser reads takes longer than a sample.
+  if (quality && s.spp <= kFewSamples && !config.find("output.compression")) shot.write.compression = Compression::kRle;
   shot.video_path = config.get_string("video.path");
   shot.video_path_is_typed = config.find("video.path") && config.loc("video.path").line == 0;
   shot.video.fps = config.get_double("video.fps") > 0 ? config.get_double("video.fps") : s.clock.fps;
@@ -658,7 +674,9 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
     throw Error(e.code(), config.loc(config.find(e.key()) ? e.key() : "integrator.name"), e.message());
   }
   settle_stages(config, layers, shot);
-  if (config.find("stages") && !shot.stages.empty()) add_layers_for(shot.stages[0].choice, shot, layers);
+  if (config.find("stages") || quality) {
+    for (const ShotStage& stage : shot.stages) add_layers_for(stage.choice, shot, layers);
+  }
   const bool exact = std::any_of(layers.begin(), layers.end(),
                                  [](const LayerDesc& d) { return d.role == LayerRole::kReconstruction; });
   if (shot.write.half && exact) {

@@ -33,8 +33,10 @@ std::vector<ShotKey> own_keys() {
       {{"motion_segments", "auto", "segments of a frame between which motion is interpolated, 1 to 1024; auto: as many as the motion needs, one number for the whole shot"}, "", "N", "", true},
       {{"cuts", "", "first frames after cuts: motion ends there, and nothing looks across; jumps of the camera are found without it"}, "", "FRAMES", "", true},
 
+      {{"quality", "as_told", "draft, final: clean frames, by `path` and the stage denoise with what is best for them; see docs/denoising.md. What the "
+        "shot or the command line say themselves, such as samples, stays", -kMany, kMany, {"as_told", "draft", "final"}}, "--quality", "NAME"},
       {{"stages", "", "what follows the render, in this order; `tempera list stages` names them, and each has a table; []: nothing. The integrator is "
-       "asked for the layers that the first one named here can use"}, "", "A,B", "", true},
+       "asked for the layers that those named here can use; the result holds those of output.layers"}, "", "A,B", "", true},
       {{"halo", -1, "frames at most that are made around those asked for, on either side, where stages look at several; beyond them the shot is "
         "taken to end; -1: as many as the stages look at", -1, 1e9}, "", "N"},
 
@@ -126,7 +128,7 @@ std::vector<ShotKey> all_keys() {
     if (e->follows) automatic += fmt::format("{}{} after {}", automatic.empty() ? "" : ", ", e->name, e->follows_help);
   }
   for (ShotKey& k : all) {
-    if (k.spec.name == "stages") k.fallback_help = automatic;
+    if (k.spec.name == "stages") k.fallback_help = automatic + "; denoise with a quality";
   }
   return all;
 }

@@ -46,6 +46,53 @@ Error error_of(const std::string& toml) {
   return Error(ErrorCode::kFailed, "nothing was thrown");
 }
 
+std::vector<std::string> stages_of(const Shot& shot) {
+  std::vector<std::string> names;
+  for (const ShotStage& s : shot.stages) names.push_back(s.choice.entry->name);
+  return names;
+}
+
+bool writes(const Shot& shot, const LayerDesc& layer) {
+  const std::vector<LayerDesc> layers = rendered_layers(shot);
+  return std::any_of(layers.begin(), layers.end(), [&](const LayerDesc& d) { return d.name == layer.name; });
+}
+
+TEST(Shot, QualityStandsForWhatIsNotSaid) {
+  const std::vector<std::string> denoised{"denoise"};
+  const Shot draft = settle("quality = \"draft\"\n"), final = settle("quality = \"final\"\n");
+  EXPECT_EQ(draft.settings.spp, 8);
+  EXPECT_EQ(final.settings.spp, 64);
+  for (const Shot* shot : {&draft, &final}) {
+    EXPECT_EQ(stages_of(*shot), denoised);
+    EXPECT_EQ(shot->stages[0].choice.params.get_string("method"), "auto");
+    for (const LayerDesc& d : {layers::color_a(), layers::color_b(), layers::albedo(), layers::normal(),
+                               layers::object_id(), layers::motion_forward()}) {
+      EXPECT_TRUE(writes(*shot, d)) << d.name;
+    }
+  }
+  // What few samples leave is written fast, and nothing that is only the denoiser's is part of the result.
+  EXPECT_EQ(draft.write.compression, Compression::kRle);
+  EXPECT_EQ(draft.final_write.compression, Compression::kZip);
+  EXPECT_EQ(final.write.compression, Compression::kZip);
+  EXPECT_TRUE(std::find(draft.stage_layers.begin(), draft.stage_layers.end(), "albedo") != draft.stage_layers.end());
+  EXPECT_FALSE(writes(draft, layers::color_variance()));
+  // What is said stays: samples, stages, and how they work. The scene's own samples are not said.
+  EXPECT_EQ(settle("quality = \"final\"\n[sampling]\nspp = 5\n").settings.spp, 5);
+  EXPECT_TRUE(settle("quality = \"final\"\nstages = []\n").stages.empty());
+  EXPECT_EQ(
+      settle("quality = \"draft\"\n[denoise]\nmethod = \"nl_means\"\n").stages[0].choice.params.get_string("method"),
+      "nl_means");
+  Scene s = scene();
+  s.defaults.spp = 333;
+  EXPECT_EQ(settle("quality = \"draft\"\n", s).settings.spp, 8);
+  // Differences are solved for first.
+  const Shot gradients = settle("quality = \"final\"\n[integrator]\nname = \"gradient_path\"\n");
+  EXPECT_EQ(stages_of(gradients), (std::vector<std::string>{"reconstruct", "denoise"}));
+  EXPECT_TRUE(writes(gradients, layers::albedo()));
+  EXPECT_EQ(error_of("quality = \"best\"\n").code(), ErrorCode::kUnknownName);
+  EXPECT_TRUE(settle("").stages.empty());
+}
+
 TEST(Shot, BuiltInDefaults) {
   const Shot shot = settle("");
   EXPECT_EQ(shot.settings.width, 1280);

@@ -214,7 +214,8 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
     const WriteOptions& w = options.write;
     const std::string settings =
         fmt::format("{}\n{}\n{}half={} names={} lossy={}\n", TEMPERA_VERSION, choice.params.canonical(),
-                    stage->identity(run.in_) + engine, w.half, names_text(w), w.compression == Compression::kDwaa);
+                    stage->identity(run.in_) + engine, w.half, names_text(w), w.compression == Compression::kDwaa) +
+        (options.leave_out.empty() ? "" : fmt::format("without={}\n", fmt::join(options.leave_out, ",")));
     std::vector<int> unfinished;
     for (const int f : run.frames_) {
       check_stop();
@@ -268,6 +269,9 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
       out.metadata[fingerprint_key] = target->second;
       if (!engine.empty()) out.metadata[stage_engine_key(entry.name)] = engine;
       if (!options.command.empty()) out.metadata[stage_command_key(entry.name)] = options.command;
+      for (const std::string& name : options.leave_out) {
+        if (out.has(name)) out.remove(name);
+      }
       const std::string path = out_path(f);
       write_frame(path, out, options.write);
       targets.erase(target);

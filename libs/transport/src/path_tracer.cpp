@@ -64,7 +64,7 @@ void pass_unseen(const FrameContext& context, Ray& ray, const SurfacePoint& poin
 }
 
 SampleResult trace_features(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
-                            const Vec3f& view_axis, Features features, ChainFeatures* chains) {
+                            Features features, ChainFeatures* chains) {
   SampleResult result;
   if (chains) chains->start();
   Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, camera.time};
@@ -87,7 +87,7 @@ SampleResult trace_features(const FrameContext& context, const PathOptions& opti
     v.make_bsdf();
     if (index == 0) {
       result.alpha = 1;
-      result.first = first_hit(v, emitted, view_axis, camera, features);
+      result.first = first_hit(v, emitted, camera, features);
     }
     if (!chains || !chains->active()) break;
     chains->arrive(beta, v, emitted, previous);

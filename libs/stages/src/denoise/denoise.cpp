@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "denoise/denoiser.h"
+#include "denoise/published.h"
 #include "tempera/core/log.h"
 
 namespace tempera {
@@ -12,15 +13,19 @@ namespace tempera {
 namespace {
 
 using denoise::Available;
+using denoise::Decomposed;
 using denoise::Denoiser;
+using denoise::FrameByFrame;
+using denoise::Method;
 using denoise::Settings;
 
 const std::vector<ParamSpec> kParams = {
     {.name = "method",
      .fallback = std::string("nl_means"),
-     .help =
-         "denoiser of single frames: nl_means; oidn (Open Image Denoise); auto, which is oidn where it is installed",
-     .choices = {"nl_means", "oidn", "auto"}},
+     .help = "denoiser of single frames: nl_means; oidn (Open Image Denoise); auto, which is oidn where it is "
+             "installed; or, "
+             "to compare with, all that papers do: published (Zimmer et al. 2015), rmz13 (Rousselle et al. 2013)",
+     .choices = {"nl_means", "oidn", "auto", "published", "rmz13"}},
     {.name = "recipe",
      .fallback = std::string("auto"),
      .help =
@@ -37,7 +42,9 @@ const std::vector<ParamSpec> kParams = {
      .fallback = std::string("yes"),
      .help = "whether what both halves of the samples miss in the clean picture is given back",
      .choices = {"yes", "no"}},
-    {"oidn", std::string(), "file of Open Image Denoise, else TEMPERA_OIDN, else libOpenImageDenoise.so.2"},
+    {"oidn", std::string(),
+     "file of Open Image Denoise; else TEMPERA_OIDN, else libOpenImageDenoise.so.2 of the system, else of the folder "
+     "../lib beside the program"},
     {"oidn_version", std::string(), "refuse any other version of it, e.g. 2.5.1"},
 };
 
@@ -53,18 +60,25 @@ class Denoise final : public Stage {
 
   std::vector<LayerUse> reads(int /*port*/, std::span<const SequenceDesc> in) const override {
     std::vector<LayerUse> out{{layers::color(), true, "there is nothing to denoise"}};
+    const Available available(in[0].layers);
     for (const LayerDesc& d :
-         {layers::color_a(), layers::color_b(), layers::color_variance(), layers::albedo(), layers::normal(),
-          layers::emission(), layers::object_id(), layers::motion_forward(), layers::motion_backward()}) {
+         {layers::color_a(), layers::color_b(), layers::albedo(), layers::normal(), layers::emission(),
+          layers::object_id(), layers::motion_forward(), layers::motion_backward()}) {
       out.push_back({d, false});
     }
-    const Available available(in[0].layers);
+    if (!available.halves) out.push_back({layers::color_variance(), false});
+    if (settings_.method == Method::kRmz13) {
+      out.push_back({layers::depth(), false});
+      return out;
+    }
+    const bool published = settings_.method == Method::kPublished;
     for (const std::string& chain : available.chains) {
       for (const LayerDesc& d : {layers::albedo(), layers::normal()})
         out.push_back({layers::chain_layer(chain, d), false});
+      if (published) out.push_back({layers::chain_layer(chain, layers::object_id()), false});
     }
     const bool automatic = settings_.recipe == denoise::Recipe::kAuto && settings_.method != denoise::Method::kNlMeans;
-    if (settings_.recipe == denoise::Recipe::kComponents || automatic) {
+    if (published || settings_.recipe == denoise::Recipe::kComponents || automatic) {
       for (const std::string& name : available.classes) {
         for (const LayerDesc& d : {layers::color(), layers::color_a(), layers::color_b()})
           out.push_back({layers::class_layer(name, d), false});
@@ -74,28 +88,42 @@ class Denoise final : public Stage {
   }
 
   std::vector<int> inputs(int /*port*/, int frame, std::span<const SequenceDesc> in) const override {
-    // Averages before and after the denoiser, and the frames that it looks at itself.
     const int radius = Available(in[0].layers).motion ? settings_.radius : 0;
-    const FrameRange range = denoise::shot_around(frame, radius > 0 ? 2 * radius + 1 : 0, in[0].reach, settings_.cuts);
+    // Averages before and after the denoiser, and the frames that it looks at itself.
+    int distance = radius > 0 ? 2 * radius + 1 : 0;
+    if (settings_.method == Method::kPublished) distance = std::min(radius, 1);
+    if (settings_.method == Method::kRmz13) distance = 0;
+    const FrameRange range = denoise::shot_around(frame, distance, in[0].reach, settings_.cuts);
     return frames_around(frame, frame - range.first, range.last - frame, in[0]);
   }
 
   void run(StageRun& run) const override {
     if (run.frames().empty()) return;
-    for (const std::string& loss : Available(run.in()[0].layers).losses(settings_.radius == 0)) log_info(loss);
-    Denoiser denoiser(run, settings_, oidn());
+    const bool alone = settings_.radius == 0 || settings_.method == Method::kRmz13;
+    for (const std::string& loss : Available(run.in()[0].layers).losses(alone)) log_info(loss);
+    if (settings_.method == Method::kRmz13) return run_with(FrameByFrame(run), run);
+    if (settings_.method == Method::kPublished) return run_with(Decomposed(run, settings_), run);
+    run_with(Denoiser(run, settings_, oidn()), run);
+  }
+
+  std::string engine() const override {
+    if (settings_.method == Method::kRmz13) return "rmz13";
+    if (settings_.method == Method::kPublished) return "published";
+    return denoise::describe_method(oidn().get());
+  }
+
+ private:
+  template <class Driver>
+  static void run_with(Driver denoiser, StageRun& run) {
     double done = 0;
     for (const int f : run.frames()) {
       run.write(f, denoiser.make(f));
       run.progress(++done / double(run.frames().size()));
     }
     for (std::string& note : denoiser.notes()) run.note(std::move(note));
-    log_debug(denoiser.costs());
+    if (const std::string costs = denoiser.costs(); !costs.empty()) log_debug(costs);
   }
 
-  std::string engine() const override { return denoise::describe_method(oidn().get()); }
-
- private:
   /// Statistics and parts of the noisy picture are not those of the clean one.
   static bool survives(const LayerDesc& d) {
     return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
@@ -120,13 +148,25 @@ denoise::Settings::Settings(const Params& params)
       residuals(params.get_string("residuals") == "yes"),
       radius(params.get_int("radius")) {
   const auto is = [&](const char* param, const char* value) { return params.get_string(param) == value; };
-  method = is("method", "auto") ? Method::kAuto : is("method", "oidn") ? Method::kOidn : Method::kNlMeans;
+  method = is("method", "auto")        ? Method::kAuto
+           : is("method", "oidn")      ? Method::kOidn
+           : is("method", "published") ? Method::kPublished
+           : is("method", "rmz13")     ? Method::kRmz13
+                                       : Method::kNlMeans;
   recipe = is("recipe", "single")       ? Recipe::kSingle
            : is("recipe", "halves")     ? Recipe::kHalves
            : is("recipe", "components") ? Recipe::kComponents
                                         : Recipe::kAuto;
   if (!is("fireflies", "auto")) hold_fireflies = is("fireflies", "hold");
-  if (method == Method::kNlMeans && (!oidn_path.empty() || !oidn_version.empty())) {
+  if (method == Method::kPublished || method == Method::kRmz13) {
+    for (const char* param : {"recipe", "fireflies"}) {
+      if (!is(param, "auto"))
+        throw StageParamError(ErrorCode::kUsage, {param, "method"},
+                              fmt::format("{} is for method nl_means, oidn or auto; {} does what its paper does", param,
+                                          params.get_string("method")));
+    }
+  }
+  if (method != Method::kOidn && method != Method::kAuto && (!oidn_path.empty() || !oidn_version.empty())) {
     throw StageParamError(ErrorCode::kUsage, {oidn_path.empty() ? "oidn_version" : "oidn", "method"},
                           "oidn and oidn_version are for method oidn or auto");
   }
@@ -155,9 +195,14 @@ const StageEntry denoise_entry{
               {{"motion.forward", "motion.backward"}, "needed together, for averages over time"},
               {{"class.*"},
                "light by class of paths, with the halves of each, of a decomposition, as the recipe needs them"},
-              {{"chain.*"}, "`albedo` and `normal` of what is seen in mirrors and behind glass, by their letters"}},
+              {{"chain.*"},
+               "`albedo` and `normal` of what is seen in mirrors and behind glass, by their letters; `object_id` for "
+               "method published"},
+              {{"depth"}, "for method rmz13"}},
     .writes = {{{"color"}, "the clean picture, with the input's alpha"}},
-    .window = "`2 radius + 1` of them before and after it, up to the next cut, if they have motion vectors",
+    .window =
+        "`2 radius + 1` of them before and after it (method published: one, rmz13: none), up to the next cut, if "
+        "they have motion vectors",
     .gap_help = "what they show is part of the averages over time (give --radius 0 to denoise each frame alone)",
     .examples = {"tempera denoise out/frame.####.exr -o final/frame.####.exr",
                  "tempera denoise out/ -o final/ --frames 1-24 --resume   (the same bits as all at once)",

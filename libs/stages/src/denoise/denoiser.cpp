@@ -7,8 +7,8 @@
 #include <cmath>
 #include <ctime>
 #include <numeric>
-#include <sstream>
 
+#include "denoise/input.h"
 #include "denoise/residuals.h"
 #include "tempera/core/log.h"
 
@@ -43,26 +43,6 @@ void for_values(Planes& out, const F& f) {
       for (int x = 0; x < out.width(); ++x) to[x] = f(c, y, x, to[x]);
     });
   }
-}
-
-/// The variance of noise that neighbours do not share, where nothing else tells it: of what a pixel differs from the
-/// mean of its four neighbours. Edges and textures add to it.
-Planes apparent_variance(const Planes& in) {
-  const int width = in.width(), height = in.height();
-  Planes raw(width, height, 1);
-  for_rows(height, [&](int y) {
-    float* to = raw.row(0, y);
-    for (int c = 0; c < in.channels(); ++c) {
-      const float *up = in.row(c, std::max(y - 1, 0)), *down = in.row(c, std::min(y + 1, height - 1)),
-                  *here = in.row(c, y);
-      for (int x = 0; x < width; ++x) {
-        const float around = 0.25f * (up[x] + down[x] + here[std::max(x - 1, 0)] + here[std::min(x + 1, width - 1)]);
-        const float d = here[x] - around;
-        to[x] += d * d / (1.25f * float(in.channels()));
-      }
-    }
-  });
-  return box_mean(raw, kVarianceRadius);
 }
 
 /// Squared radiance, divided like the light, that no eye and no display could tell from none.
@@ -121,42 +101,6 @@ std::vector<std::string> Available::losses(bool alone) const {
   return out;
 }
 
-namespace {
-
-/// Samples per pixel, where the frame says so.
-std::optional<int> samples_of(const Metadata& metadata) {
-  const auto spp = metadata.find("tempera/spp");
-  const int* n = spp == metadata.end() ? nullptr : std::get_if<int>(&spp->second);
-  return n ? std::optional(*n) : std::nullopt;
-}
-
-/// Chains whose surfaces the light of each class is seen on, from the metadata of a frame: a line for each class, of its
-/// name, expression and chains, apart by tabs.
-std::map<std::string, std::vector<std::string>> class_chains(const Metadata& metadata) {
-  std::map<std::string, std::vector<std::string>> out;
-  const auto classes = metadata.find("tempera/classes");
-  if (classes == metadata.end()) return out;
-  std::istringstream lines(to_text(classes->second));
-  for (std::string line; std::getline(lines, line);) {
-    std::istringstream fields(line);
-    std::string name, expression, chain;
-    std::getline(fields, name, '\t'), std::getline(fields, expression, '\t');
-    std::vector<std::string>& chains = out[name];
-    while (fields >> chain) chains.push_back(chain);
-  }
-  return out;
-}
-
-/// The features of several chains together: what reaches the camera of all their surfaces.
-void add_chain(const Planes& albedo, const Planes& normal, Planes& sum, Planes& weighted) {
-  for_values(sum, [&](int c, int y, int x, float v) { return v + albedo.row(c, y)[x]; });
-  for_values(weighted, [&](int c, int y, int x, float v) {
-    return v + normal.row(c, y)[x] * luminance(albedo.row(0, y)[x], albedo.row(1, y)[x], albedo.row(2, y)[x]);
-  });
-}
-
-}  // namespace
-
 Planes Denoiser::Light::mean() const {
   if (!halves()) return a;
   Planes out = a;
@@ -165,7 +109,7 @@ Planes Denoiser::Light::mean() const {
 }
 
 std::shared_ptr<Oidn> choose_method(const Settings& settings) {
-  if (settings.method == Method::kNlMeans) return nullptr;
+  if (settings.method != Method::kOidn && settings.method != Method::kAuto) return nullptr;
   std::shared_ptr<Oidn> oidn;
   try {
     oidn = std::make_shared<Oidn>(settings.oidn_path);
@@ -198,10 +142,10 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
   const Metadata metadata = read_metadata(run.path(run.frames().front()));
   // Classes whose light the first surface scatters belong together: they are divided by the same reflectance.
   std::vector<std::string> scattered;
-  const std::map<std::string, std::vector<std::string>> of_classes = class_chains(metadata);
-  for (const std::string& name : available_.classes) {
-    const auto found = of_classes.find(name);
-    if (found != of_classes.end() && found->second == std::vector<std::string>{"D"}) scattered.push_back(name);
+  for (const ClassInfo& c : classes(metadata)) {
+    const bool there =
+        std::find(available_.classes.begin(), available_.classes.end(), c.name) != available_.classes.end();
+    if (there && c.chains == std::vector<std::string>{"D"}) scattered.push_back(c.name);
   }
   const int samples = samples_of(metadata).value_or(kMany);
   if (recipe_ == Recipe::kAuto) {
@@ -285,7 +229,7 @@ Denoiser::Source Denoiser::read(int frame) {
   run_.check_stop();
   const auto start = cpu_seconds();
   const bool by_class = parts_.size() > 1;
-  Frame in = run_.read(frame, 0, [&](const LayerDesc& d) {
+  InputFrame in(run_, frame, [&](const LayerDesc& d) {
     if (d.path_class.empty()) return true;
     const std::vector<std::string>& wanted = parts_[0].classes;
     return by_class && std::find(wanted.begin(), wanted.end(), d.path_class) != wanted.end();
@@ -293,31 +237,7 @@ Denoiser::Source Denoiser::read(int frame) {
   spent("read", start);
   const auto prepared = cpu_seconds();
   Source out;
-  const auto finite = [&](Planes planes) {
-    for (float& v : planes.values()) {
-      if (!std::isfinite(v)) v = 0, ++damaged_;
-    }
-    return planes;
-  };
-  // What the sequence has every frame must have.
-  const auto image = [&](const LayerDesc& layer, int channels) -> const Image* {
-    if (!run_.in()[0].has(layer)) return nullptr;
-    const Layer* l = in.find(layer.name);
-    const int n = l ? l->image.channels() : 0;
-    if (n >= channels) return &l->image;
-    throw Error(ErrorCode::kBadInput,
-                fmt::format("{}: layer \"{}\" {}; denoising needs it with {} channels in every frame, or in none",
-                            run_.path(frame), layer.name,
-                            l ? fmt::format("has {} channel{}", n, n == 1 ? "" : "s") : "is missing", channels));
-  };
-  // A layer is looked at once.
-  const auto planes = [&](const LayerDesc& layer, int channels) {
-    const Image* i = image(layer, channels);
-    if (!i) return Planes();
-    Planes taken = finite(Planes(*i, channels));
-    in.remove(layer.name);
-    return taken;
-  };
+  const auto planes = [&](const LayerDesc& layer, int channels) { return in.take(layer, channels); };
   const Planes color = planes(layers::color(), 3);
   const int width = color.width(), height = color.height();
   const Planes first_albedo = planes(layers::albedo(), 3), first_normal = planes(layers::normal(), 3);
@@ -326,40 +246,21 @@ Denoiser::Source Denoiser::read(int frame) {
       out.views.push_back({PackedPlanes(first_albedo), PackedPlanes(first_normal)});
       continue;
     }
-    Planes albedo(width, height, 3), normal(width, height, 3);
-    for (const std::string& chain : chains) {
-      add_chain(planes(layers::chain_layer(chain, layers::albedo()), 3),
-                planes(layers::chain_layer(chain, layers::normal()), 3), albedo, normal);
-    }
-    const Planes sum = albedo;
-    const auto light_of = [&](int y, int x) { return luminance(sum.row(0, y)[x], sum.row(1, y)[x], sum.row(2, y)[x]); };
-    for_values(normal, [&](int, int y, int x, float v) { return v / std::max(light_of(y, x), 1e-6f); });
+    ChainView seen = in.chains(chains);
     // Where no chain ends the edges of the first surface are known, but its reflectance says nothing of the light.
     if (!first_normal.empty()) {
-      for_values(normal, [&](int c, int y, int x, float v) {
-        return light_of(y, x) < kLeastReflectance ? first_normal.row(c, y)[x] : v;
+      const Planes& sum = seen.albedo;
+      for_values(seen.normal, [&](int c, int y, int x, float v) {
+        const float light = luminance(sum.row(0, y)[x], sum.row(1, y)[x], sum.row(2, y)[x]);
+        return light < kLeastReflectance ? first_normal.row(c, y)[x] : v;
       });
     }
-    out.views.push_back({PackedPlanes(albedo), PackedPlanes(normal)});
+    out.views.push_back({PackedPlanes(seen.albedo), PackedPlanes(seen.normal)});
   }
   Surfaces& s = out.surfaces;
   s.normal = PackedPlanes(first_normal);
   if (available_.motion && radius_ > 0) {
-    const auto vectors = [&](const LayerDesc& layer) {
-      const Image& motion = *image(layer, 2);
-      Planes v(width, height, 2);
-      const int valid = motion.channels() >= 4 ? 3 : -1;  // files of others do not say what is valid
-      for_rows(height, [&](int y) {
-        for (int x = 0; x < width; ++x) {
-          const float* p = motion.pixel(x, y);
-          const bool known = std::isfinite(p[0]) && std::isfinite(p[1]) && (valid < 0 || p[valid] > 0);
-          for (int c = 0; c < 2; ++c) v.row(c, y)[x] = known ? p[c] : kNowhere;
-        }
-      });
-      in.remove(layer.name);
-      return v;
-    };
-    s.forward = vectors(layers::motion_forward()), s.backward = vectors(layers::motion_backward());
+    s.forward = in.vectors(layers::motion_forward()), s.backward = in.vectors(layers::motion_backward());
   }
 
   Planes emitter(width, height, 1);
@@ -386,15 +287,12 @@ Denoiser::Source Denoiser::read(int frame) {
       s.id, [&](int, int y, int x, float) { return (id.empty() ? 0.0f : 2 * id.row(0, y)[x]) + emitter.row(0, y)[x]; });
   out.emitter = PackedPlanes(emitter);
 
-  // Halves whose mean is the light itself, also for odd numbers of samples.
-  const auto halves_of = [&](Planes all, const Planes& a, const Planes& b) {
-    Light light{all, std::move(all), {}};
-    for_values(light.a, [&](int c, int y, int x, float v) { return v + 0.5f * (a.row(c, y)[x] - b.row(c, y)[x]); });
-    for_values(light.b, [&](int c, int y, int x, float v) { return v - 0.5f * (a.row(c, y)[x] - b.row(c, y)[x]); });
-    return light;
+  const auto halves_of = [](const Planes& all, const Planes& a, const Planes& b) {
+    std::array<Planes, 2> halves = centred_halves(all, a, b);
+    return Light{std::move(halves[0]), std::move(halves[1]), {}};
   };
   Light rest{color, {}, {}};
-  if (available_.halves && samples_of(in.metadata) != 1)
+  if (available_.halves && samples_of(in.metadata()) != 1)
     rest = halves_of(color, planes(layers::color_a(), 3), planes(layers::color_b(), 3));
   const Planes variance = rest.halves() ? Planes() : planes(layers::color_variance(), 3);
   for (std::size_t p = 0; p < parts_.size(); ++p) {
@@ -424,6 +322,7 @@ Denoiser::Source Denoiser::read(int frame) {
     prepare(light, divisor(out, {p}), variance);
     out.light.emplace_back(light);
   }
+  damaged_ += in.damaged();
   spent("prepare", prepared);
   return out;
 }
@@ -461,7 +360,7 @@ void Denoiser::prepare(Light& light, const Planes& divisor, const Planes& color_
     });
     light.variance = box_mean(raw, kVarianceRadius);
   } else {
-    light.variance = apparent_variance(light.a);
+    light.variance = apparent_variance(light.a, kVarianceRadius);
   }
 }
 
@@ -906,7 +805,7 @@ std::vector<std::string> Denoiser::notes() const {
                           : recipe_ == Recipe::kHalves   ? "halves of the samples"
                                                          : "all samples together";
   std::vector<std::string> out{fmt::format("denoised by {}: {}", describe_method(oidn_.get()), how)};
-  if (damaged_ > 0) out.push_back(fmt::format("{} values that are not finite count as 0", damaged_));
+  if (damaged_ > 0) out.push_back(fmt::format("{} values that are not finite or beyond 1e14 count as 0", damaged_));
   if (hold_fireflies_ && held_.all > 0)
     out.push_back(
         fmt::format("{:.2g} % of the light was held back, as it outshines the other half of the samples by far",

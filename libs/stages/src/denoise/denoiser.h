@@ -26,7 +26,7 @@ enum class Recipe {
   kComponents,  ///< the same for each class of paths
 };
 
-enum class Method { kAuto, kNlMeans, kOidn };
+enum class Method { kAuto, kNlMeans, kOidn, kPublished, kRmz13 };
 
 struct Settings {
   /// Errors: StageParamError.

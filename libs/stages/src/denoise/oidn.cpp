@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <cstdlib>
+#include <filesystem>
 #include <map>
 
 #include "tempera/core/error.h"
@@ -22,6 +23,13 @@ constexpr int kMemory = 400;  ///< megabytes that it may take, beyond which it w
 
 constexpr const char* kDefaultLibrary = "libOpenImageDenoise.so.2";
 
+/// Where the library lies that came with the program or was put beside it: PREFIX/lib for PREFIX/bin/tempera.
+std::string beside_program() {
+  std::error_code failed;
+  const std::filesystem::path program = std::filesystem::read_symlink("/proc/self/exe", failed);
+  return failed ? "" : (program.parent_path().parent_path() / "lib" / kDefaultLibrary).string();
+}
+
 }  // namespace
 
 struct Oidn::Library {
@@ -29,12 +37,15 @@ struct Oidn::Library {
     const char* const variable = std::getenv("TEMPERA_OIDN");
     const std::string path = !asked.empty() ? asked : variable && *variable ? variable : kDefaultLibrary;
     handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+    const char* const why = handle ? nullptr : dlerror();
+    const std::string error = why ? why : path;
+    if (const std::string beside = beside_program(); !handle && path == kDefaultLibrary && !beside.empty())
+      handle = dlopen(beside.c_str(), RTLD_NOW | RTLD_LOCAL);
     if (!handle) {
-      const char* const why = dlerror();
       throw Error(ErrorCode::kUnsupported,
                   fmt::format("Open Image Denoise cannot be loaded: {}; name the file of version 2 with --oidn or "
                               "TEMPERA_OIDN, or take method nl_means",
-                              why ? why : path));
+                              error));
     }
     try {
       open(path);

@@ -136,4 +136,22 @@ Planes half_variance(const Planes& a, const Planes& b, int radius) {
   return box_mean(raw, radius);
 }
 
+Planes apparent_variance(const Planes& in, int radius) {
+  const int width = in.width(), height = in.height();
+  Planes raw(width, height, 1);
+  for_rows(height, [&](int y) {
+    float* to = raw.row(0, y);
+    for (int c = 0; c < in.channels(); ++c) {
+      const float *up = in.row(c, std::max(y - 1, 0)), *down = in.row(c, std::min(y + 1, height - 1)),
+                  *here = in.row(c, y);
+      for (int x = 0; x < width; ++x) {
+        const float around = 0.25f * (up[x] + down[x] + here[std::max(x - 1, 0)] + here[std::min(x + 1, width - 1)]);
+        const float d = here[x] - around;
+        to[x] += d * d / (1.25f * float(in.channels()));
+      }
+    }
+  });
+  return box_mean(raw, radius);
+}
+
 }  // namespace tempera::denoise

@@ -82,6 +82,10 @@ Planes box_mean(const Planes& in, int radius);
 /// where a and b are independent.
 Planes half_variance(const Planes& a, const Planes& b, int radius);
 
+/// The variance of noise that neighbours do not share, where nothing else tells it: of what a pixel differs from the mean
+/// of its four neighbours, averaged over channels and (2 radius + 1)^2 pixels. Edges and textures add to it.
+Planes apparent_variance(const Planes& in, int radius);
+
 inline float luminance(float r, float g, float b) { return 0.2126f * r + 0.7152f * g + 0.0722f * b; }
 
 }  // namespace tempera::denoise

@@ -5,9 +5,11 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <variant>
+#include <vector>
 
 #include "tempera/core/bytes.h"
 
@@ -52,6 +54,19 @@ std::string stage_settings_key(std::string_view stage);  ///< "tempera/<stage>"
 std::string stage_command_key(std::string_view stage);   ///< "tempera/<stage>_command"
 /// What did the work, where that depends on the machine.
 std::string stage_engine_key(std::string_view stage);  ///< "tempera/<stage>_engine"
+
+/// A class of light paths whose layers a file has: what class.<name>.color is of, see docs/layers.md.
+struct ClassInfo {
+  std::string name;
+  std::string expression;           ///< over the events of paths; tabs are spaces after reading
+  std::vector<std::string> chains;  ///< whose surfaces its light is seen on, see layers::chain_layer
+  bool operator==(const ClassInfo&) const = default;
+};
+/// Sets the attribute "tempera/classes", a line for each class: its name, its expression and its chains, apart by tabs.
+/// No attribute without classes.
+void set_classes(Metadata& metadata, std::span<const ClassInfo> classes);
+/// What set_classes stored; empty where the attribute is missing. A line that lacks fields has them empty.
+std::vector<ClassInfo> classes(const Metadata& metadata);
 
 /// How a frame was rendered: the attributes "tempera/<field>". The text fields are free of meaning to this module.
 struct RenderInfo {

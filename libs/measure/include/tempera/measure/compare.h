@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -35,6 +36,12 @@ CompareInput parse_compare_input(const std::string& text);
 /// and "out/mlt/f.exr".
 std::vector<std::string> distinguishing_labels(const std::vector<std::string>& names);
 
+/// The pixels whose first channel of a layer has this value.
+struct Region {
+  std::string layer;
+  float value = 0;
+};
+
 struct CompareOptions {
   std::vector<std::string> metrics;  ///< ids; "default" or "all": those that the files allow; empty: default
   std::string layer = "color";
@@ -50,6 +57,10 @@ struct CompareOptions {
   /// ((T - R1)^2 + (T - R2)^2 - (R1 - R2)^2) / 2 = (T - R)^2 - (R1 - R)^2, so that they estimate the error to the truth
   /// and may be below 0 where that is small. Metrics of displayed pictures take the mean of what is displayed.
   std::string reference2;
+  /// Part of the picture that is compared, by a layer in the (first) reference's files; none: all of it. Only means of
+  /// pixels' errors (MetricInfo::trims) can be measured of it; errors along motion where both ends are in it. A frame
+  /// without such pixels has no value.
+  std::optional<Region> where;
   std::int64_t spectrum_memory = std::int64_t(1) << 30;  ///< bytes at most; beyond that fewer pixels are looked at
 };
 
@@ -137,8 +148,8 @@ using CompareProgress = std::function<void(int done, int total)>;
 /// Result:  the same bits on any number of threads. Each file is read once.
 /// Memory:  independent of the number of frames: a few layers for each run, and `spectrum_memory`.
 /// Errors:  Error{kBadInput} if a test has no frame in common with the reference, the second reference lacks one of
-///          these or is the first, the sizes of a pair differ (naming both files), or a metric that was asked for by
-///          name lacks what it needs; Error{kUnknownName} for unknown metrics; Error{kOutOfRange} for options; those of
+///          these or is the first, the sizes of a pair differ (naming both files), a metric that was asked for by
+///          name lacks what it needs, or nothing is in the region; Error{kUnknownName} for unknown metrics; Error{kOutOfRange} for options; those of
 ///          read_frame.
 CompareResult compare_sequences(const std::vector<CompareInput>& tests, const FrameSequence& reference,
                                 const CompareOptions& options = {}, const CompareProgress& progress = {},

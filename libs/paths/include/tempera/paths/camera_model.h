@@ -14,6 +14,7 @@ namespace tempera {
 struct CameraRay {
   Vec3f o, d;                        ///< world; d is unit length
   float tmin = 0, tmax = kInfinity;  ///< where the ray passes the near and the far clipping plane
+  Vec3f axis;                        ///< the camera's axis at that time, unit length
 };
 
 /// How the camera sees a point through one point of its lens.

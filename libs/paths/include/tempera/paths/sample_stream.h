@@ -160,7 +160,7 @@ class SampleStream {
     using D = LightDim;
     return {u(D::kChoice), {u(D::kPosition), u(D::kPosition, 1)}, {u(D::kDirection), u(D::kDirection, 1)}, u(D::kTime)};
   }
-  VertexNumbers vertex(std::uint32_t b, Subpath s = Subpath::kCamera) const {
+  TEMPERA_INLINE VertexNumbers vertex(std::uint32_t b, Subpath s = Subpath::kCamera) const {
     const Block u = block(first_block(s) + b + 1);
     using D = VertexDim;
     return {{u(D::kDirection), u(D::kDirection, 1)},
@@ -183,7 +183,7 @@ class SampleStream {
       return to_unit_float(bits[k / 2 + (k & 1) * 4]);
     }
   };
-  Block block(std::uint32_t i) const {
+  TEMPERA_INLINE Block block(std::uint32_t i) const {
     static_assert(kDimsPerVertex == 8);
     const std::uint32_t pair = kDimsPerVertex / 2 * i;
     const std::uint64_t h0 = pair_hash(pair), h1 = pair_hash(pair + 1), h2 = pair_hash(pair + 2),

@@ -23,6 +23,7 @@ struct RunStage {
   std::vector<int> frames;             ///< that it makes, in ascending order
   std::vector<StageSection> sections;  ///< the same in the parts of the sequence that are cut from each other
   WriteOptions write;
+  std::vector<std::string> leave_out{};  ///< layers that are not written
   /// What is rendered before it, for its second port: the pixels of the mask that the stage before has written.
   std::optional<Shot> pixels;
 };

@@ -33,12 +33,13 @@ struct Shot {
   /// First and last frame of the whole sequence, of which `frames` may be a part: where shot.toml or the scene says
   /// what the frames are, the command line chooses among them. What is computed over several frames goes by this.
   FrameRange sequence;
-  bool is_part = false;              ///< the sequence has frames that `frames` leaves out
-  std::string output;                ///< see frame_path; empty: none is named
-  WriteOptions write;                ///< of the files that are rendered
-  std::string mask;                  ///< see frame_path; of images that say which pixels are wanted; empty: all are
-  int motion_segments = 4;           ///< of a frame between knots of the motion grid
-  std::vector<ShotStage> stages;     ///< in their order; where the shot names none, those made for such frames
+  bool is_part = false;           ///< the sequence has frames that `frames` leaves out
+  std::string output;             ///< see frame_path; empty: none is named
+  WriteOptions write;             ///< of the files that are rendered
+  std::string mask;               ///< see frame_path; of images that say which pixels are wanted; empty: all are
+  int motion_segments = 4;        ///< of a frame between knots of the motion grid
+  std::vector<ShotStage> stages;  ///< in their order; where the shot names none, those made for such frames
+  std::vector<std::string> stage_layers;  ///< that are rendered because stages can use them, and are not of the result
   int halo = -1;                     ///< frames at most around those asked for that are made for stages; -1: any number
   WriteOptions final_write;          ///< of the frames that are the result
   std::string video_path;            ///< of the movie; empty: none is named

@@ -30,7 +30,8 @@ struct StageOptions {
   std::vector<StageSection> sections{1};  ///< none of their frames is in two
   bool resume = false;                    ///< skip frames whose file is complete and would be the same
   WriteOptions write{};
-  std::string command{};  ///< for the metadata
+  std::vector<std::string> leave_out{};  ///< layers that are not written
+  std::string command{};                 ///< for the metadata
 };
 
 struct StageReport {

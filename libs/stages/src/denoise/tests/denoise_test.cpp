@@ -105,7 +105,8 @@ class Denoise : public testing::Test {
           frame.add(layers::class_layer(name, layer), part);
         }
       }
-      frame.metadata["tempera/classes"] = std::string("direct\tED.*\tD\nmirrored\tER.*\tRD RRD\n");
+      set_classes(frame.metadata,
+                  std::vector<ClassInfo>{{"direct", "ED.*", {"D"}}, {"mirrored", "ER.*", {"RD", "RRD"}}});
     }
     frame.create(layers::crypto(0)).at(3, 4, 0) = 1e-30f;
     frame.metadata["tempera/spp"] = s.spp;
@@ -391,6 +392,54 @@ TEST_F(Denoise, LayersAreThoseOfEveryFrame) {
   EXPECT_NE(thin.find("\"color.a\" has 1 channel;"), std::string::npos) << thin;
 }
 
+// What Cycles stores for denoisers does for us what our own layers do.
+TEST_F(Denoise, TakesThePassesOfBlender) {
+  Shot shot{.last = 3};
+  shot.halves = false;
+  const std::string view = "ViewLayer.";
+  const auto write_passes = [&](const std::string& name, const std::string& without) {
+    for (int f = 1; f <= 3; ++f) {
+      const Frame ours = make(shot, f);
+      Frame theirs(kWidth, kHeight);
+      const auto add = [&](const std::string& pass, std::vector<std::string> channels,
+                           const std::function<float(int x, int y, int c)>& value) {
+        if (pass == without) return;
+        Image& image = theirs.create({view + pass, channels});
+        for (int y = 0; y < kHeight; ++y) {
+          for (int x = 0; x < kWidth; ++x) {
+            for (int c = 0; c < image.channels(); ++c) image.at(x, y, c) = value(x, y, c);
+          }
+        }
+      };
+      const auto of = [&](const char* layer) {
+        return [&image = ours.layer(layer)](int x, int y, int c) { return image.at(x, y, c); };
+      };
+      add("Combined", {"R", "G", "B", "A"}, of("color"));
+      add("Denoising Albedo", {"R", "G", "B"}, of("albedo"));
+      // In camera space: what we have as world space, seen along -z.
+      add("Denoising Normal", {"X", "Y", "Z"},
+          [&](int x, int y, int c) { return (c == 2 ? -1.0f : 1.0f) * ours.layer("normal").at(x, y, c); });
+      // Previous - current and current - next, y up.
+      add("Vector", {"X", "Y", "Z", "W"}, [&](int x, int y, int c) {
+        const Image& motion = ours.layer(c < 2 ? "motion.backward" : "motion.forward");
+        return (c == 1 || c == 2 ? -1.0f : 1.0f) * motion.at(x, y, c % 2);
+      });
+      add("Object Index", {"X"}, of("object_id"));
+      write_frame(frame_path(pattern(name), f), theirs);
+    }
+    return FrameSequence(pattern(name));
+  };
+  run(write("ours", shot), "ours_out");
+  run(write_passes("theirs", ""), "theirs_out");
+  expect_same("ours_out", "theirs_out", 2);
+  EXPECT_EQ(result("theirs_out", 2).layer("normal"), result("ours_out", 2).layer("normal"));
+  EXPECT_LT(error("theirs_out", shot, 2), error("ours", shot, 2) / 10);
+  for (const char* pass : {"Denoising Albedo", "Vector"}) {
+    run(write_passes("less", pass), "less_out");
+    EXPECT_GT(error("less_out", shot, 2), 1.1 * error("theirs_out", shot, 2)) << pass;
+  }
+}
+
 // Without a number of samples the frames are taken to have many.
 TEST_F(Denoise, ClassesOfFramesThatDoNotSayTheirSamples) {
   Shot s;
@@ -418,6 +467,148 @@ TEST_F(Denoise, SequencesWithFaultsAreNamed) {
   write_frame(in.path(4), small);
   const std::string size = error_of([&] { run(FrameSequence(pattern("in")), "out"); }, ErrorCode::kBadInput);
   EXPECT_NE(size.find("36x40"), std::string::npos) << size;
+}
+
+/// The methods of papers.
+class DenoisePublished : public Denoise, public testing::WithParamInterface<const char*> {
+ protected:
+  Flags method(Flags more = {}) const {
+    more["method"] = GetParam();
+    return more;
+  }
+  bool over_time() const { return std::string(GetParam()) == "published"; }
+};
+
+TEST_P(DenoisePublished, TakesOutNoiseAndLeavesTheRest) {
+  const Shot shot{.last = 3};
+  const FrameSequence in = write("in", shot);
+  const StageReport report = run(in, "out", method());
+  const double gain = error("in", shot, 2) / error("out", shot, 2);
+  EXPECT_GT(gain, over_time() ? 15 : 8) << "most of what is left is that the light is smoothed";
+  ASSERT_FALSE(report.notes.empty());
+  EXPECT_NE(report.notes[0].find(GetParam()), std::string::npos) << report.notes[0];
+  const Frame before = read_frame(in.path(2)), after = result("out", 2);
+  for (int x = 0; x < kWidth; ++x)
+    ASSERT_EQ(after.layer("color").at(x, 7, 3), before.layer("color").at(x, 7, 3)) << "alpha";
+  for (const char* layer : {"albedo", "object_id", "motion.forward"})
+    EXPECT_EQ(after.layer(layer), before.layer(layer)) << layer;
+  EXPECT_FALSE(after.has("color.a"));
+  EXPECT_EQ(to_text(after.metadata.at("tempera/denoise_engine")), GetParam());
+}
+
+TEST_P(DenoisePublished, SameBitsForAnyThreadsAndChunks) {
+  for (const bool classes : {false, true}) {
+    const Shot shot{.last = 4, .classes = classes};
+    const std::string name = classes ? "classes_" : "whole_";
+    const FrameSequence in = write(name + "in", shot);
+    with_threads(1, [&] { run(in, name + "one", method()); });
+    with_threads(3, [&] { run(in, name + "part", method(), {.sections = {{.frames = {2}}, {.frames = {4}}}}); });
+    for (const int f : {2, 4}) expect_same(name + "one", name + "part", f);
+  }
+}
+
+TEST_P(DenoisePublished, FramesAroundHelpWhereTheMethodLooksAtThem) {
+  const Shot shot{.last = 3};
+  const FrameSequence in = write("in", shot);
+  const StageOptions middle{.sections = {{.frames = {2}}}};
+  run(in, "out", method(), middle), run(in, "alone", method({{"radius", "0"}}), middle);
+  if (!over_time()) return expect_same("out", "alone", 2);
+  const auto noise = [&](const std::string& name) {  // the light is gray: what channels differ by
+    const Image color = result(name, 2).layer("color");
+    double sum = 0;
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) sum += std::pow(double(color.at(x, y, 0) - color.at(x, y, 2)), 2);
+    }
+    return sum;
+  };
+  EXPECT_LT(noise("out"), 0.5 * noise("alone"));
+  Shot next = shot;
+  next.first = 2;
+  run(write("after", next), "without_before", method()), run(in, "cut", method({{"cuts", "2"}}), middle);
+  expect_same("cut", "without_before", 2);
+}
+
+TEST_P(DenoisePublished, WorksWithWhatThereIs) {
+  Shot shot{.last = 2};
+  const auto gain = [&](const std::string& name, const Shot& s) {
+    run(write(name, s), name + "_out", method());
+    return error(name, s, 2) / error(name + "_out", s, 2);
+  };
+  shot.motion = false;
+  EXPECT_GT(gain("no_motion", shot), 8);
+  shot.halves = false;
+  EXPECT_GT(gain("no_halves", shot), 4);
+  shot.features = false;
+  EXPECT_GT(gain("color_alone", shot), 1.2) << "noise is half of the texture's contrast";
+}
+
+TEST_P(DenoisePublished, WhatEmitsIsNotSpread) {
+  const Shot shot{.last = 2};
+  const auto lamp = [](int x, int y) { return x >= 20 && x < 30 && y >= 10 && y < 20; };
+  for (int f = 1; f <= 2; ++f) {
+    Frame frame = make(shot, f);
+    Image& emission = frame.create(layers::emission());
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        if (!lamp(x, y)) continue;
+        emission.set_rgb(x, y, Rgb(50.0f));
+        for (const char* layer : {"color", "color.a", "color.b"})
+          frame.layer(layer).set_rgb(x, y, frame.layer(layer).rgb(x, y) + Rgb(50.0f));
+      }
+    }
+    write_frame(frame_path(pattern("in"), f), frame);
+  }
+  run(FrameSequence(pattern("in")), "out", method());
+  const Image color = result("out", 2).layer("color");
+  // Beside the lamp nothing is like a pixel, and the noise may stay: 0.16 at most, four times that.
+  for (int y = 5; y < 25; ++y) {
+    for (int x = 15; x < 35; ++x) {
+      const float truth = albedo_at(shot, 2, x, y) * light_at(shot, 2, x, y) + (lamp(x, y) ? 50 : 0);
+      ASSERT_NEAR(color.at(x, y, 1), truth, 0.64) << x << ' ' << y;
+    }
+  }
+}
+
+TEST_P(DenoisePublished, DamagedPixelsDoNotSpread) {
+  const Shot shot{.last = 2};
+  for (int f = 1; f <= 2; ++f) {
+    Frame frame = make(shot, f);
+    if (f == 2) {
+      frame.layer("color").at(20, 20, 1) = NAN, frame.layer("color.a").at(20, 20, 1) = 1e30f;
+      frame.layer("albedo").at(40, 10, 0) = NAN, frame.layer("motion.backward").at(10, 10, 0) = NAN;
+    }
+    write_frame(frame_path(pattern("in"), f), frame);
+  }
+  const StageReport report = run(FrameSequence(pattern("in")), "out", method());
+  for (const float v : result("out", 2).layer("color").values()) ASSERT_TRUE(std::isfinite(v));
+  EXPECT_NE(report.notes.back().find("3 values"), std::string::npos) << report.notes.back();
+}
+
+TEST_P(DenoisePublished, RefusesWhatItDoesNotHave) {
+  const FrameSequence in = write("in", {.last = 2});
+  for (const auto& [param, value] : {std::pair{"recipe", "halves"}, {"fireflies", "hold"}}) {
+    const std::string message = error_of([&] { run(in, "out", method({{param, value}})); }, ErrorCode::kUsage);
+    EXPECT_NE(message.find(param), std::string::npos) << message;
+  }
+  error_of([&] { run(in, "out", method({{"oidn_version", "2.5.1"}})); }, ErrorCode::kUsage);
+}
+
+INSTANTIATE_TEST_SUITE_P(Papers, DenoisePublished, testing::Values("published", "rmz13"),
+                         [](const auto& method) { return std::string(method.param); });
+
+// Half of the light is of a class that is divided by the albedo, a quarter of what mirrors show.
+TEST_F(Denoise, PublishedFiltersClassesByThemselves) {
+  const Shot shot{.last = 3, .classes = true};
+  const FrameSequence in = write("in", shot);
+  const StageReport report = run(in, "out", {{"method", "published"}});
+  ASSERT_FALSE(report.notes.empty());
+  EXPECT_NE(report.notes[0].find("the classes direct, mirrored, residual"), std::string::npos) << report.notes[0];
+  EXPECT_LT(error("out", shot, 2), error("in", shot, 2) / 10);
+  EXPECT_FALSE(result("out", 2).has("class.direct.color"));
+  Shot whole = shot;
+  whole.classes = false;
+  run(write("whole", whole), "whole_out", {{"method", "published"}});
+  EXPECT_NE(result("whole_out", 2).layer("color"), result("out", 2).layer("color"));
 }
 
 /// With the library of the tests, which takes means over 3x3 pixels.

@@ -92,8 +92,7 @@ struct Vertex {
 };
 
 /// The features of the first surface.
-inline FirstHit first_hit(const Vertex& v, const Rgb& emitted, const Vec3f& view_axis, const CameraSample& camera,
-                          Features features) {
+inline FirstHit first_hit(const Vertex& v, const Rgb& emitted, const CameraSample& camera, Features features) {
   FirstHit f;
   f.valid = true;
   f.instance = v.hit.point.instance;
@@ -102,7 +101,7 @@ inline FirstHit first_hit(const Vertex& v, const Rgb& emitted, const Vec3f& view
   f.position = v.s.p;
   f.uv = v.s.uv;
   f.emission = emitted;
-  f.depth = dot(v.s.p - camera.ray.o, view_axis);
+  f.depth = dot(v.s.p - camera.ray.o, camera.ray.axis);
   if (features == Features::kAll) f.albedo = v.bsdf.albedo(v.s.wo);
   return f;
 }
@@ -116,8 +115,8 @@ void set_footprint(const FrameContext& context, const CameraSample& camera, cons
 float transmittance(const FrameContext& context, Ray ray, int edges_left);
 
 /// Fraction of light that gets from `s` in unit direction `wi` to what is `distance` away (infinity: out of the scene).
-inline float visibility(const FrameContext& context, const ShadingPoint& s, const Vec3f& wi, float distance,
-                        int edges_left = kMaxVertices) {
+TEMPERA_INLINE float visibility(const FrameContext& context, const ShadingPoint& s, const Vec3f& wi, float distance,
+                                int edges_left = kMaxVertices) {
   Ray shadow{context.rays.offset_origin(s.p, s.ng, wi), wi, 0, kInfinity, s.time};
   if (std::isfinite(distance)) {  // from where the ray really starts to just before its target
     const Vec3f to_target = s.p + wi * distance - shadow.o;
@@ -153,8 +152,8 @@ enum class EdgeEnd { kSurface, kEnvironment, kLost };
 
 /// Follows `ray` to the surface that stops it, vertex `index` of the path. `passed` counts the masks on the way,
 /// `pass_probability` is the probability of passing them. `camera`: set for rays that come straight from there.
-inline EdgeEnd follow(const FrameContext& context, const SampleStream& stream, std::uint32_t index, Ray& ray,
-                      const CameraSample* camera, Vertex& v, int& passed, float& pass_probability) {
+TEMPERA_INLINE EdgeEnd follow(const FrameContext& context, const SampleStream& stream, std::uint32_t index, Ray& ray,
+                              const CameraSample* camera, Vertex& v, int& passed, float& pass_probability) {
   passed = 0, pass_probability = 1;
   for (; passed < kMaxVertices; ++passed) {
     if (!intersect_seen(context, camera, ray, v.hit)) return EdgeEnd::kEnvironment;
@@ -234,7 +233,7 @@ struct NoObserver {
 /// gathers features of chains.
 template <class Observer>
 SampleResult trace_path(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
-                        const Vec3f& view_axis, std::span<Rgb> classes, Features features, Observer& observer,
+                        std::span<Rgb> classes, Features features, Observer& observer,
                         ChainFeatures* chains = nullptr) {
   const RayScene& rays = context.rays;
   const LightSampler& lights = context.lights;
@@ -316,7 +315,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
       seen_by_camera = false;
       result.alpha = 1;
       if (features != Features::kNone) {
-        result.first = first_hit(v, emitted, view_axis, camera, features);
+        result.first = first_hit(v, emitted, camera, features);
       }
     }
     if (chains && chains->active()) chains->arrive(beta, v, emitted, previous);
@@ -385,6 +384,6 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
 
 /// Follows a path as trace_path does, for its features alone: as far as specular events of chains lead.
 SampleResult trace_features(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
-                            const Vec3f& view_axis, Features features, ChainFeatures* chains);
+                            Features features, ChainFeatures* chains);
 
 }  // namespace tempera

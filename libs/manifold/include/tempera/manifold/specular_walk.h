@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Walks on the manifold of paths through mirrors and glass: the path between two ends of which one has moved, within one
+// moment (spatial) or from one time to another (temporal). [Jakob 2012, Sec. 4.2; Zimmer 2015, Sec. 4]
+#include <functional>
+#include <optional>
+#include <vector>
+
+#include "tempera/manifold/specular_system.h"
+
+namespace tempera {
+
+/// Surfaces that chains are traced through.
+class ChainMatter {
+ public:
+  struct Crossing {
+    SurfacePoint point;
+    double u = 0, v = 0;  ///< of the point, in double
+  };
+  virtual ~ChainMatter() = default;
+  /// What the line from `o` in unit direction `d` meets first at time t. `from`: the surface point that it leaves; null: none.
+  virtual std::optional<Crossing> meet(const Vec3d& o, const Vec3d& d, double t, const Crossing* from) const = 0;
+  virtual SurfaceFrame surface(const Crossing& at, double t) const = 0;
+  /// Index of refraction on the far side of a vertex over that on the side of unit direction `wo`, if the surface refracts;
+  /// 1 if it reflects and `refracts` is false; empty if it does not do what is asked for.
+  virtual std::optional<double> eta(const Crossing& at, const Vec3d& wo, bool refracts, double t) const = 0;
+};
+
+struct ChainVertex {
+  ChainMatter::Crossing at;
+  bool refracts = false;
+  SpecularVertex specular;
+};
+
+/// A path of light from its first end to its last one, at a time.
+struct SpecularChain {
+  double time = 0;
+  ChainEnd first, last;
+  Vec3d last_normal;  ///< unit, of the surface of a finite last end; zero where it has none
+  std::vector<ChainVertex> vertices;
+};
+
+/// Where the ends of a chain are at any time: the eye and the matter that is seen.
+struct ChainEnds {
+  std::function<ChainEnd(double t)> first, last;
+  std::function<Vec3d(double t)> last_normal;
+};
+
+/// Why a walk ended.
+enum class WalkState : std::uint8_t {
+  kDone,
+  kMissed,    ///< another surface or none was met, or the side changed
+  kTotal,     ///< total reflection where the path refracted
+  kSingular,  ///< at a fold of the manifold
+  kStuck,     ///< steps became too small, or too many
+};
+
+struct WalkCounts {
+  int spatial = 0, temporal = 0;  ///< steps that were taken, those back included
+};
+
+/// A chain from an eye's ray: follows `refracts` through matter from the first end towards `aim`, and on to the plane of
+/// the last end, which the result holds as it is met: `last.p` of a finite one may lie beside the asked for.
+/// `like`: the chain that it has to resemble: the same shapes of the same instances; null: any.
+std::optional<SpecularChain> trace_chain(const ChainMatter& matter, const ChainEnd& first, const Vec3d& aim,
+                                         const ChainEnd& last, const Vec3d& last_normal,
+                                         const std::vector<bool>& refracts, double t, const SpecularChain* like,
+                                         WalkState* why = nullptr);
+
+/// Moves the last end of `chain` to `last` at the chain's time. `tolerance`: metres of the end, or radians of an infinite
+/// one. Leaves a path that ends there on success, the nearest one found else.
+WalkState walk_in_space(const ChainMatter& matter, const ChainEnd& last, const Vec3d& last_normal, double tolerance,
+                        SpecularChain& chain, WalkCounts* counts = nullptr);
+
+/// Follows `chain` to time `to`, before or after its own, while its ends move.
+WalkState walk_in_time(const ChainMatter& matter, const ChainEnds& ends, double to, double tolerance,
+                       SpecularChain& chain, WalkCounts* counts = nullptr);
+
+}  // namespace tempera

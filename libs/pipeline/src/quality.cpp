@@ -1,0 +1,16 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "quality.h"
+
+#include <array>
+
+namespace tempera {
+
+const Quality* quality_of(const ShotConfig& config) {
+  static const std::array<Quality, 2> known = {{{"draft", 8}, {"final", 64}}};
+  for (const Quality& q : known) {
+    if (q.name == config.get_string("quality")) return &q;
+  }
+  return nullptr;
+}
+
+}  // namespace tempera

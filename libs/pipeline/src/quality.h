@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// What `quality` of a shot stands for. It says nothing where the shot or the command line do.
+#include <string>
+
+#include "tempera/pipeline/shot_config.h"
+
+namespace tempera {
+
+struct Quality {
+  std::string name;
+  int spp;  ///< samples per pixel, where none are given
+};
+
+/// Samples per pixel up to which files cost as much as rendering.
+constexpr int kFewSamples = 16;
+
+/// That of a shot; null: it is as the shot says.
+const Quality* quality_of(const ShotConfig& config);
+/// The name of the stage that follows all others.
+inline const std::string& quality_stage() {
+  static const std::string name = "denoise";
+  return name;
+}
+/// Where the stages were named: the key `stages` or its element `i`, or the quality, which names one.
+inline SourceLoc stages_loc(const ShotConfig& config) {
+  return config.loc(config.find("stages") ? "stages" : "quality");
+}
+inline SourceLoc stages_loc(const ShotConfig& config, std::size_t i) {
+  return config.find("stages") ? config.loc("stages", i) : config.loc("quality");
+}
+
+}  // namespace tempera
