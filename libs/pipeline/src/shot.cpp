@@ -316,6 +316,8 @@ void settle_classes(const ShotConfig& config, RenderSettings& s) {
     throw Error(ErrorCode::kBadInput, parts.begin()->second.loc,
                 "classes and decompose cannot be given together; a class may be a part of the decomposition");
   }
+  if (quality_of(config) && s.spp > kFewSamples && classes.empty() && parts.empty())
+    parts[{"scattered"}] = {std::string("ED.*"), config.loc("quality")};  // by the first surface: what the denoiser tells apart
   s.classes_are_decomposition = !parts.empty();
   std::vector<std::string> expressions;
   std::vector<SourceLoc> locs;
@@ -393,6 +395,8 @@ void settle_integrator(const ShotConfig& config, const RenderDefaults& defaults,
       set_param(shot.params, key[0], value);
     }
   }
+  if (quality_of(config) && takes("feature_samples") && !config.table("integrator").contains({"feature_samples"}))
+    shot.params.set("feature_samples", feature_samples(shot.settings.spp));
   if (!left_out.empty()) {
     log_warning(
         fmt::format("the integrator \"{}\" has no parameter {}: ignored", shot.integrator, fmt::join(left_out, ", ")));
