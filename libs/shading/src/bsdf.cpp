@@ -178,25 +178,50 @@ float Bsdf::frame_factor(const Frame& frame, const Vec3f& wi, float roughness) c
   return factor;
 }
 
+namespace {
+/// What a layer keeps from what lies below it, of light at cosine c to its normal.
+TEMPERA_INLINE float layer_albedo(const BsdfLayer& l, float c) {
+  switch (l.albedo) {
+    case BsdfLayer::Albedo::kFresnel:
+      return l.f0 + (l.f90 - l.f0) * schlick_weight(std::abs(c));
+    case BsdfLayer::Albedo::kGgx:
+      return ggx_albedo(c, l.alpha).of(l.f0, l.f90);
+    case BsdfLayer::Albedo::kSheen:
+      return l.f0 * sheen_albedo(std::abs(c), l.alpha);
+  }
+  return 0.0f;
+}
+}  // namespace
+
 float Bsdf::layer_factor(int layer, const Vec3f& wo, const Vec3f& wi) const {
   float factor = 1;
   for (; layer >= 0; layer = layers_[layer].above) {
     const BsdfLayer& l = layers_[layer];
     const Vec3f& n = frames_[l.frame].basis.n;
-    const auto albedo = [&](float c) {
-      switch (l.albedo) {
-        case BsdfLayer::Albedo::kFresnel:
-          return l.f0 + (l.f90 - l.f0) * schlick_weight(std::abs(c));
-        case BsdfLayer::Albedo::kGgx:
-          return ggx_albedo(c, l.alpha).of(l.f0, l.f90);
-        case BsdfLayer::Albedo::kSheen:
-          return l.f0 * sheen_albedo(std::abs(c), l.alpha);
-      }
-      return 0.0f;
-    };
-    factor *= std::max(1 - std::max(albedo(dot(n, wo)), albedo(dot(n, wi))), 0.0f);
+    factor *= std::max(1 - std::max(layer_albedo(l, dot(n, wo)), layer_albedo(l, dot(n, wi))), 0.0f);
   }
   return factor;
+}
+
+float Bsdf::mean_layer_factor(int layer, const Vec3f& wo, const Basis& basis) const {
+  constexpr int kCosines = 4;
+  std::array<float, kCosines> factors;
+  factors.fill(1);
+  std::array<Vec3f, kCosines> directions;
+  for (int k = 0; k < kCosines; ++k) {
+    const float c2 = (float(k) + 0.5f) / kCosines;
+    directions[k] = basis.to_world({std::sqrt(1 - c2), 0, std::sqrt(c2)});
+  }
+  for (; layer >= 0; layer = layers_[layer].above) {
+    const BsdfLayer& l = layers_[layer];
+    const Vec3f& n = frames_[l.frame].basis.n;
+    const float out = layer_albedo(l, dot(n, wo));
+    for (int k = 0; k < kCosines; ++k)
+      factors[k] *= std::max(1 - std::max(out, layer_albedo(l, dot(n, directions[k]))), 0.0f);
+  }
+  float mean = 0;
+  for (const float f : factors) mean += f / kCosines;
+  return mean;
 }
 
 /// Adds one non-delta lobe; wo and wi are given in the world and in the lobe's frame.
@@ -347,13 +372,7 @@ Rgb Bsdf::albedo(const Vec3f& wo) const {
       if (entry.layer >= 0) {
         // How much a layer lets pass depends on wi, too: the mirror direction, or all around for a diffuse lobe.
         if constexpr (std::is_base_of_v<CosineSampled, std::decay_t<decltype(lobe)>>) {
-          constexpr int kCosines = 4;
-          float mean = 0;
-          for (int k = 0; k < kCosines; ++k) {
-            const float c2 = (float(k) + 0.5f) / kCosines;
-            mean += layer_factor(entry.layer, wo, basis.to_world({std::sqrt(1 - c2), 0, std::sqrt(c2)})) / kCosines;
-          }
-          weight *= mean;
+          weight *= mean_layer_factor(entry.layer, wo, basis);
         } else {
           weight *= layer_factor(entry.layer, wo, wo);
         }

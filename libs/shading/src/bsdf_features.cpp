@@ -4,7 +4,7 @@
 
 namespace tempera {
 
-Rgb Bsdf::diffuse_albedo(const Vec3f& wo) const {
+Rgb Bsdf::diffuse_albedo(const Vec3f& wo, const Rgb* all) const {
   int specular = 0;
   const auto is_specular = [](const Entry& e) {
     bool specular_lobe = false;
@@ -14,7 +14,7 @@ Rgb Bsdf::diffuse_albedo(const Vec3f& wo) const {
     return specular_lobe;
   };
   for (const Entry& e : lobes_) specular += is_specular(e);
-  if (specular == 0) return albedo(wo);
+  if (specular == 0) return all ? *all : albedo(wo);
   if (specular == lobes_.size()) return Rgb(0.0f);
   Bsdf diffuse = *this;
   diffuse.lobes_.clear();

@@ -90,7 +90,7 @@ SampleResult trace_features(const FrameContext& context, const PathOptions& opti
       result.first = first_hit(v, emitted, camera, features);
     }
     if (!chains || !chains->active()) break;
-    chains->arrive(beta, v, emitted, previous);
+    chains->arrive(beta, v, emitted, previous, known_albedo(index, features, result));
     const VertexNumbers u = camera.stream.vertex(index);
     const auto sample = v.bsdf.sample(v.s.wo, u.lobe, u.direction);
     if (!sample || is_black(sample->sum())) break;

@@ -149,7 +149,8 @@ class Bsdf {
   /// anisotropic facets. For feature layers, never for transport.
   Rgb albedo(const Vec3f& wo) const;
   /// The same of lobes that are D alone (Event), whether they reflect or transmit.
-  Rgb diffuse_albedo(const Vec3f& wo) const;
+  /// `all`: albedo(wo), if that is known.
+  Rgb diffuse_albedo(const Vec3f& wo, const Rgb* all = nullptr) const;
   int size() const { return lobes_.size(); }
   const Lobe& lobe(int i) const { return lobes_[i].lobe; }
   /// Probability of choosing lobe i.
@@ -184,6 +185,8 @@ class Bsdf {
   int unbent_frame(int index);
   float frame_factor(const Frame& frame, const Vec3f& wi, float roughness) const;
   float layer_factor(int layer, const Vec3f& wo, const Vec3f& wi) const;
+  /// Its mean over directions that a diffuse lobe of frame `basis` scatters to.
+  float mean_layer_factor(int layer, const Vec3f& wo, const Basis& basis) const;
   template <class L>
   void accumulate(const L& lobe, const Entry& entry, const Vec3f& wo, const Vec3f& wi, const Vec3f& local_wo,
                   const Vec3f& local_wi, BsdfEval& out) const;

@@ -37,17 +37,18 @@ class ChainFeatures {
   void start();
   /// Whether the path may still reach the end of a chain.
   bool active() const { return shares_.size() > 0; }
-  /// The path arrived with throughput `beta` from `previous` at `v`, which sends back `emitted`. Not inlined, so that the
-  /// path tracer is rounded alike with chains and without. Pre: active; v has its bsdf.
+  /// The path arrived with throughput `beta` from `previous` at `v`, which sends back `emitted`; `known`: the albedo there, if
+  /// it is. Not inlined, so that the path tracer is rounded alike with chains and without. Pre: active; v has its bsdf.
   template <class Vertex>
-  [[gnu::noinline]] void arrive(const Rgb& beta, const Vertex& v, const Rgb& emitted, const Vec3f& previous) {
+  [[gnu::noinline]] void arrive(const Rgb& beta, const Vertex& v, const Rgb& emitted, const Vec3f& previous,
+                                const Rgb* known) {
     depth_ += length(v.s.p - previous);
     const bool ends = v.bsdf.empty() || !is_black(emitted);
     std::optional<Rgb> albedo;
     for (const Share& s : shares_) {
       const int i = find(s.code);
       if (i < 0) continue;
-      if (!albedo) albedo = v.bsdf.diffuse_albedo(v.s.wo);
+      if (!albedo) albedo = v.bsdf.diffuse_albedo(v.s.wo, known);
       if (!ends && is_black(*albedo)) return;  // a mirror or clear glass
       ChainHit& hit = hits_[i];
       const Rgb throughput = beta * s.part;

@@ -91,6 +91,11 @@ struct Vertex {
   void make_bsdf() { tempera::make_bsdf(material(), s, bsdf); }
 };
 
+/// The albedo of vertex `index`, where its features have it.
+inline const Rgb* known_albedo(std::uint32_t index, Features features, const SampleResult& result) {
+  return index == 0 && features == Features::kAll ? &result.first.albedo : nullptr;
+}
+
 /// The features of the first surface.
 inline FirstHit first_hit(const Vertex& v, const Rgb& emitted, const CameraSample& camera, Features features) {
   FirstHit f;
@@ -318,7 +323,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
         result.first = first_hit(v, emitted, camera, features);
       }
     }
-    if (chains && chains->active()) chains->arrive(beta, v, emitted, previous);
+    if (chains && chains->active()) chains->arrive(beta, v, emitted, previous, known_albedo(index, features, result));
     observe(index, &v, emitted, light_pdf, pass_probability);
     if (edges >= options.max_depth || v.bsdf.empty()) break;
     const VertexNumbers u = camera.stream.vertex(index);
