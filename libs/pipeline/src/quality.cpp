@@ -5,15 +5,6 @@
 
 namespace tempera {
 
-std::vector<LayerDesc> quality_layers(int spp) {
-  std::vector<LayerDesc> out;
-  if (spp <= kFewSamples) return out;
-  for (const char* chain : layers::kCommonChains) {
-    for (const LayerDesc& d : {layers::albedo(), layers::normal()}) out.push_back(layers::chain_layer(chain, d));
-  }
-  return out;
-}
-
 const Quality* quality_of(const ShotConfig& config) {
   static const std::array<Quality, 2> known = {{{"draft", 8}, {"final", 64}}};
   for (const Quality& q : known) {

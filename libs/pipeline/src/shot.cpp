@@ -274,16 +274,12 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
   }
 }
 
-/// Asks the integrator for `also`, and what a stage that the shot names can make use of, as far as it writes that.
-void add_layers_for(const StageChoice& stage, std::span<const LayerDesc> also, Shot& shot,
-                    std::vector<LayerDesc>& layers) {
+/// Asks the integrator for what a stage that the shot names can make use of, as far as it writes that.
+void add_layers_for(const StageChoice& stage, Shot& shot, std::vector<LayerDesc>& layers) {
   const RenderSettings& s = shot.settings;
   SequenceDesc rendered{shot.sequence, shot.sequence, {}, s.x1() - s.x0(), s.y1() - s.y0(), layers};
   std::set<std::string> tried;
   const auto next = [&]() -> std::optional<LayerDesc> {  // what it can use may depend on what there is
-    for (const LayerDesc& d : also) {
-      if (!rendered.has(d) && tried.insert(d.name).second) return d;
-    }
     for (const LayerUse& use : stage.entry->make(stage.params)->reads(0, std::span(&rendered, 1))) {
       if (!rendered.has(use.layer) && tried.insert(use.layer.name).second) return use.layer;
     }
@@ -320,9 +316,6 @@ void settle_classes(const ShotConfig& config, RenderSettings& s) {
     throw Error(ErrorCode::kBadInput, parts.begin()->second.loc,
                 "classes and decompose cannot be given together; a class may be a part of the decomposition");
   }
-  if (quality_of(config) && s.spp > kFewSamples && classes.empty() && parts.empty())
-    parts[{"scattered"}] = {std::string("ED.*"),
-                            config.loc("quality")};  // by the first surface: what the denoiser tells apart
   s.classes_are_decomposition = !parts.empty();
   std::vector<std::string> expressions;
   std::vector<SourceLoc> locs;
@@ -400,8 +393,6 @@ void settle_integrator(const ShotConfig& config, const RenderDefaults& defaults,
       set_param(shot.params, key[0], value);
     }
   }
-  if (quality_of(config) && takes("feature_samples") && !config.table("integrator").contains({"feature_samples"}))
-    shot.params.set("feature_samples", feature_samples(shot.settings.spp));
   if (!left_out.empty()) {
     log_warning(
         fmt::format("the integrator \"{}\" has no parameter {}: ignored", shot.integrator, fmt::join(left_out, ", ")));
@@ -684,8 +675,7 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   }
   settle_stages(config, layers, shot);
   if (config.find("stages") || quality) {
-    const std::vector<LayerDesc> also = quality ? quality_layers(s.spp) : std::vector<LayerDesc>{};
-    for (const ShotStage& stage : shot.stages) add_layers_for(stage.choice, also, shot, layers);
+    for (const ShotStage& stage : shot.stages) add_layers_for(stage.choice, shot, layers);
   }
   const bool exact = std::any_of(layers.begin(), layers.end(),
                                  [](const LayerDesc& d) { return d.role == LayerRole::kReconstruction; });

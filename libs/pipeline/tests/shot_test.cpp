@@ -76,18 +76,6 @@ TEST(Shot, QualityStandsForWhatIsNotSaid) {
   EXPECT_EQ(final.write.compression, Compression::kZip);
   EXPECT_TRUE(std::find(draft.stage_layers.begin(), draft.stage_layers.end(), "albedo") != draft.stage_layers.end());
   EXPECT_FALSE(writes(draft, layers::color_variance()));
-  // More features, and light by its first surface, pay for themselves with more samples.
-  EXPECT_EQ(draft.params.get_int("feature_samples"), 0);
-  EXPECT_EQ(final.params.get_int("feature_samples"), 16);
-  EXPECT_EQ(settle("quality = \"final\"\n[sampling]\nspp = 24\n").params.get_int("feature_samples"), 6);
-  const LayerDesc behind_glass = layers::chain_layer("TTD", layers::albedo());
-  EXPECT_TRUE(writes(final, behind_glass) && !writes(draft, behind_glass));
-  ASSERT_EQ(final.settings.classes.size(), 1u);
-  EXPECT_EQ(final.settings.classes[0].name, "scattered");
-  EXPECT_TRUE(final.settings.classes_are_decomposition && draft.settings.classes.empty());
-  const Shot own = settle("quality = \"final\"\n[integrator]\nfeature_samples = 3\n[decompose]\nall = \"E.*\"\n");
-  EXPECT_EQ(own.params.get_int("feature_samples"), 3);
-  EXPECT_EQ(own.settings.classes[0].name, "all");
   // What is said stays: samples, stages, and how they work. The scene's own samples are not said.
   EXPECT_EQ(settle("quality = \"final\"\n[sampling]\nspp = 5\n").settings.spp, 5);
   EXPECT_TRUE(settle("quality = \"final\"\nstages = []\n").stages.empty());
