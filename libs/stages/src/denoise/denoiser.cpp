@@ -7,6 +7,7 @@
 #include <cmath>
 #include <ctime>
 #include <numeric>
+#include <utility>
 
 #include "denoise/input.h"
 #include "denoise/residuals.h"
@@ -299,7 +300,7 @@ Denoiser::Source Denoiser::read(int frame) {
     const Part& part = parts_[p];
     Light light;
     if (part.classes.empty()) {
-      light = std::move(rest);
+      light = std::exchange(rest, {});
     } else {
       for (const std::string& name : part.classes) {
         const auto layer = [&](const LayerDesc& d) { return planes(layers::class_layer(name, d), 3); };
@@ -662,6 +663,7 @@ void Denoiser::denoise_nl_means(int frame, Group& group) {
   const auto start = cpu_seconds();
   const Tracks tracks = this->tracks(frame, std::min(radius_, 1));
   std::vector<Bundle> bundles;
+  bundles.reserve(tracks.size() + 1);
   bundles.push_back(bundle(frame, group.parts, group.divided, nullptr));
   for (const auto& [f, track] : tracks) bundles.push_back(bundle(f, group.parts, group.divided, &track));
   std::vector<NlMeansFrame> frames;

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "denoise/input.h"
 #include "tempera/core/random.h"
@@ -249,7 +250,7 @@ Decomposed::Source Decomposed::read(int frame) {
   for (const Part& part : parts_) {
     Light light;
     if (part.kind == Part::Kind::kRest) {
-      light = std::move(rest);
+      light = std::exchange(rest, {});
     } else if (part.kind == Part::Kind::kEmission) {
       light.a = in.planes(layers::emission(), 3);
       light.variance = bounded_variance(light.a, samples);
@@ -351,7 +352,8 @@ Frame Decomposed::make(int frame) {
       FeatureStack features;
     };
     std::vector<Warped> warped;
-    for (const auto& [there, track] : around) {
+    for (const auto& [there, its_track] : around) {
+      const Track& track = its_track;  // which a lambda can capture
       const auto gather = [&](const Planes& p) { return p.empty() ? Planes() : gather_bilinear(p, track); };
       const Light& light = there->light[part];
       const FeatureStack& features = there->features[part];
