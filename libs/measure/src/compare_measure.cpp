@@ -46,6 +46,7 @@ Comparison::ReferenceFrame Comparison::load_reference(int frame) const {
   add(own_vectors && reads_forward_, layers::motion_forward());
   if (options_.where) read.layers.push_back(options_.where->layer);
   Frame f = read_frame(reference_.path(reference_frame(frame)), read);
+  if (options_.where) r.region = f.layer(options_.where->layer);  // which may be any layer that is taken below
   r.image = std::move(f.layer(options_.layer));
   if (second_) {
     r.first = std::move(r.image);
@@ -61,7 +62,6 @@ Comparison::ReferenceFrame Comparison::load_reference(int frame) const {
   const auto take = [&](bool use, const LayerDesc& layer, Image& image) {
     if (use) image = std::move(f.layer(layer.name));
   };
-  if (options_.where) r.region = f.layer(options_.where->layer);
   take(has_halves_, layers::color_a(), r.half_a);
   take(has_halves_, layers::color_b(), r.half_b);
   take(own_vectors && reads_backward_, layers::motion_backward(), r.backward);

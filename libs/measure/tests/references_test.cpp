@@ -287,6 +287,12 @@ TEST_F(TwoReferences, APartOfThePictureIsComparedByItself) {
             "\"flip\" cannot be measured: of a part of the picture only squared errors are measured");
   EXPECT_EQ(message({.where = Region{"object_id", 5}}),
             "no pixel of the reference " + a.pattern() + " has object_id = 5: there is nothing to compare");
+  // The layer may be the one that is compared, or of the motion that is followed.
+  EXPECT_EQ(message({.where = Region{"color", 5}}),
+            "no pixel of the reference " + a.pattern() + " has color = 5: there is nothing to compare");
+  options.where = Region{"motion.backward", -1};
+  options.metrics = {"mse"};
+  EXPECT_NEAR(mean(compare_sequences({input(x)}, a, options), "mse"), 9 * (1 + 4 + 9) / 3.0, 3);
   EXPECT_EQ(
       message({.where = Region{"depth", 5}}),
       "the reference " + a.pattern() + " has no layer depth, which is to tell the part of the picture to compare");

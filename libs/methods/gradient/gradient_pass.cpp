@@ -262,7 +262,7 @@ void join_gradients(const std::string& pass, Frame& out) {
   for (const Layer& l : out.layers()) {
     const std::string& name = l.desc.path_class;
     if (!name.empty() && l.desc.name == pass + layers::class_layer(name, side_layer(kRight)).name)
-      prefixes.push_back(pass + "class." + name + ".");
+      prefixes.push_back(fmt::format("{}class.{}.", pass, name));
   }
   const auto join = [&](const std::string& prefix, const char* difference, Side forward, Side back, int dx, int dy) {
     const std::string name = prefix + difference;
@@ -384,7 +384,7 @@ void GradientBatches::end(const RenderSettings& settings, const GradientOptions&
     }
   }
   wanted_ = next_batch(options.adaptive, noise, w, h, plan_.later,
-                       hash_key(settings.seed, std::uint64_t(frame), std::uint64_t(batch + 1)));
+                       hash_key(settings.seed, std::uint64_t(frame), std::uint64_t(batch) + 1));
   if (!plan_.keep_first && batch == 0) std::fill(taken_.begin(), taken_.end(), 0);
 }
 

@@ -17,11 +17,8 @@ constexpr int kFewSamples = 16;
 
 /// That of a shot; null: it is as the shot says.
 const Quality* quality_of(const ShotConfig& config);
-/// The name of the stage that follows all others.
-inline const std::string& quality_stage() {
-  static const std::string name = "denoise";
-  return name;
-}
+/// The stage that it puts after all others.
+constexpr const char* kQualityStage = "denoise";
 /// Where the stages were named: the key `stages` or its element `i`, or the quality, which names one.
 inline SourceLoc stages_loc(const ShotConfig& config) {
   return config.loc(config.find("stages") ? "stages" : "quality");

@@ -229,7 +229,7 @@ Params stage_params(const ShotConfig& config, const StageEntry& entry) {
   for (const ParamSpec& s : entry.params) {
     if (const ShotValue* v = config.find(key(s.name))) params.set(s.name, v->value, v->loc);
   }
-  if (entry.name == quality_stage() && quality_of(config) && !config.find(key("method"))) params.set("method", "auto");
+  if (entry.name == kQualityStage && quality_of(config) && !config.find(key("method"))) params.set("method", "auto");
   try {
     entry.make(params);
   } catch (const StageParamError& e) {  // of several together
@@ -252,7 +252,7 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
     for (const StageEntry* e : stage_catalog()) {
       if (e->follows && e->follows(layers)) add(*e);
     }
-    if (quality_of(config)) add(find_stage(quality_stage()));
+    if (quality_of(config)) add(find_stage(kQualityStage));
     return;
   }
   std::string_view text = config.get_string("stages");

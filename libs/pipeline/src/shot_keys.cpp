@@ -33,8 +33,8 @@ std::vector<ShotKey> own_keys() {
       {{"motion_segments", "auto", "segments of a frame between which motion is interpolated, 1 to 1024; auto: as many as the motion needs, one number for the whole shot"}, "", "N", "", true},
       {{"cuts", "", "first frames after cuts: motion ends there, and nothing looks across; jumps of the camera are found without it"}, "", "FRAMES", "", true},
 
-      {{"quality", "as_told", "draft, final: clean frames, by `path` and the stage denoise with what is best for them; see docs/denoising.md. What the "
-        "shot or the command line say themselves, such as samples, stays", -kMany, kMany, {"as_told", "draft", "final"}}, "--quality", "NAME"},
+      {{"quality", "as_told", "draft, final: clean frames, from 8 or 64 samples a pixel and by the stage denoise; see docs/denoising.md. What the "
+        "shot or the command line say themselves stays", -kMany, kMany, {"as_told", "draft", "final"}}, "--quality", "NAME"},
       {{"stages", "", "what follows the render, in this order; `tempera list stages` names them, and each has a table; []: nothing. The integrator is "
        "asked for the layers that those named here can use; the result holds those of output.layers"}, "", "A,B", "", true},
       {{"halo", -1, "frames at most that are made around those asked for, on either side, where stages look at several; beyond them the shot is "

@@ -2,6 +2,7 @@
 #include "tempera/shading/bsdf.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "albedo.h"

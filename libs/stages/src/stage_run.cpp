@@ -165,6 +165,9 @@ StageReport run_stage(const StageChoice& choice, std::span<const FrameSequence> 
       descs.push_back(describe(files, described.back(), section));
     }
     StageRun run(*stage, in, std::move(descs), std::move(described), report);
+    std::erase_if(run.out_.layers, [&](const LayerDesc& d) {  // nor are they read to pass through
+      return std::find(options.leave_out.begin(), options.leave_out.end(), d.name) != options.leave_out.end();
+    });
     run.frames_ = frames_to_make(entry, section, run.out_, in[0]);
     wanted += run.frames_.size();
     runs.push_back(std::move(run));

@@ -268,7 +268,9 @@ class Tile {
         float* __restrict to = sums.row(y, c);
         for (int x = first; x < last; ++x) to[x] += w[x] * from[x];
       }
-      float* __restrict total = sums.row(y, values), * __restrict squares = sums.row(y, values + 1), * __restrict largest = sums.row(y, values + 2);
+      float* __restrict total = sums.row(y, values);
+      float* __restrict squares = sums.row(y, values + 1);
+      float* __restrict largest = sums.row(y, values + 2);
       for (int c = 0; s_.derivative && c < channels_; ++c) {
         // Of exp(-D^2), D^2 the mean over the patch and its channels, by the pixel in the middle of the patch.
         const float k2 = s_.k_color * s_.k_color, scale = -2 / float(channels_);
@@ -276,7 +278,10 @@ class Tile {
         const float *vp = frames_[0].variance->row(c, y0_ + y) + x0_, *vq = q.variance->row(c, qy) + x0_ + dx;
         const float* __restrict slope = slope_.row(y);
         const int at = values + 3 + 4 * c;
-        float* __restrict guide = sums.row(y, at), * __restrict product = sums.row(y, at + 1), * __restrict sum = sums.row(y, at + 2), * __restrict of_largest = sums.row(y, at + 3);
+        float* __restrict guide = sums.row(y, at);
+        float* __restrict product = sums.row(y, at + 1);
+        float* __restrict sum = sums.row(y, at + 2);
+        float* __restrict of_largest = sums.row(y, at + 3);
         for (int x = first; x < last; ++x) {
           const float d = scale * slope[x] * (gp[x] - gq[x]) / (s_.floor + k2 * (vp[x] + vq[x]));
           guide[x] += w[x] * gq[x], product[x] += d * gq[x], sum[x] += d;

@@ -658,8 +658,9 @@ TEST_F(DenoiseOidn, RecipesFitTheSamples) {
   const auto ends_with = [](const std::string& text, const char* end) { return text.ends_with(end); };
   EXPECT_PRED2(ends_with, recipe(16, true, stub_), "all samples together");
   EXPECT_PRED2(ends_with, recipe(17, true, stub_), "halves of the samples");
-  EXPECT_PRED2(ends_with, recipe(32, true, stub_), "by class of light paths");
-  EXPECT_PRED2(ends_with, recipe(32, false, stub_), "halves of the samples");
+  EXPECT_PRED2(ends_with, recipe(23, true, stub_), "halves of the samples");
+  EXPECT_PRED2(ends_with, recipe(24, true, stub_), "by class of light paths");
+  EXPECT_PRED2(ends_with, recipe(24, false, stub_), "halves of the samples");
   EXPECT_PRED2(ends_with, recipe(8, true, {}), "all samples together");
   EXPECT_PRED2(ends_with, recipe(128, true, {}), "halves of the samples");
 }
