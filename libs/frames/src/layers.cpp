@@ -156,7 +156,7 @@ std::optional<LayerDesc> find(std::string_view name) {
   if (name.starts_with("chain.")) {
     const std::string_view rest = name.substr(6);
     const auto dot = std::min(rest.find('.'), rest.size());
-    if (!is_chain(rest.substr(0, dot))) return std::nullopt;
+    if (!is_chain(rest.substr(0, dot)) && rest.substr(0, dot) != kAnyChain) return std::nullopt;
     for (const LayerDesc& d : chain_features()) {
       if (d.name == rest.substr(std::min(dot + 1, rest.size()))) return chain_layer(rest.substr(0, dot), d);
     }

@@ -285,17 +285,28 @@ void add_layers_for(const StageChoice& stage, Shot& shot, std::vector<LayerDesc>
     }
     return std::nullopt;
   };
+  const auto ask = [&](const LayerDesc& layer) {
+    RenderSettings more = shot.settings;
+    more.layers.push_back(layer.name);
+    try {
+      rendered.layers = rendered_layers(shot.integrator, shot.params, more);
+      shot.settings = std::move(more);
+    } catch (const SettingError&) {  // the stage says what it misses
+    }
+  };
   try {
-    while (const auto layer = next()) {
-      RenderSettings more = shot.settings;
-      more.layers.push_back(layer->name);
-      try {
-        rendered.layers = rendered_layers(shot.integrator, shot.params, more);
-        shot.settings = std::move(more);
-      } catch (const SettingError&) {
-        continue;  // the stage says what it misses
+    // Not of few samples, of which what mirrors and glass show is mostly noise.
+    if (stage.entry->name == kQualityStage && s.spp > kFewSamples) {
+      SequenceDesc with = rendered;
+      const std::array<LayerDesc, 2> seen{layers::chain_layer(layers::kAnyChain, layers::albedo()),
+                                          layers::chain_layer(layers::kAnyChain, layers::normal())};
+      with.layers.insert(with.layers.end(), seen.begin(), seen.end());
+      const std::vector<LayerUse> uses = stage.entry->make(stage.params)->reads(0, std::span(&with, 1));
+      for (const LayerDesc& d : seen) {
+        if (std::any_of(uses.begin(), uses.end(), [&](const LayerUse& use) { return use.layer == d; })) ask(d);
       }
     }
+    while (const auto layer = next()) ask(*layer);
   } catch (const Error&) {
     return;  // who plans the stages says it, and where
   }

@@ -65,11 +65,18 @@ TEST(Shot, QualityStandsForWhatIsNotSaid) {
   for (const Shot* shot : {&draft, &final}) {
     EXPECT_EQ(stages_of(*shot), denoised);
     EXPECT_EQ(shot->stages[0].choice.params.get_string("method"), "auto");
-    for (const LayerDesc& d : {layers::color_a(), layers::color_b(), layers::albedo(), layers::normal(),
-                               layers::object_id(), layers::motion_forward()}) {
+    for (const LayerDesc& d :
+         {layers::color_a(), layers::color_b(), layers::normal(), layers::object_id(), layers::motion_forward()}) {
       EXPECT_TRUE(writes(*shot, d)) << d.name;
     }
   }
+  // Of many samples it looks through glass and into mirrors.
+  const LayerDesc seen = layers::chain_layer(layers::kAnyChain, layers::albedo());
+  EXPECT_TRUE(writes(draft, layers::albedo()) && !writes(draft, seen));
+  EXPECT_TRUE(writes(final, seen) && !writes(final, layers::albedo()));
+  const Shot asked = settle("quality = \"final\"\n[output]\nlayers = [\"albedo\"]\n");
+  EXPECT_TRUE(writes(asked, seen) && writes(asked, layers::albedo()));
+  EXPECT_TRUE(writes(settle("quality = \"final\"\n[denoise]\nmethod = \"rmz13\"\n"), layers::albedo()));
   // What few samples leave is written fast, and nothing that is only the denoiser's is part of the result.
   EXPECT_EQ(draft.write.compression, Compression::kRle);
   EXPECT_EQ(draft.final_write.compression, Compression::kZip);

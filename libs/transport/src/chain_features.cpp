@@ -7,6 +7,9 @@ namespace tempera {
 
 namespace {
 
+/// Of light that may still come by any chain: less is not worth following, as where a coat adds to a base what it scatters.
+constexpr float kLeastPart = 0.01f;
+
 std::vector<std::string> chains_of(const Frame* out) {
   std::vector<std::string> chains;
   if (!out) return chains;
@@ -21,6 +24,11 @@ std::vector<std::string> chains_of(const Frame* out) {
 
 ChainFeatures::ChainFeatures(std::vector<std::string> chains) : names_(std::move(chains)), hits_(names_.size()) {
   for (const std::string& name : names_) {
+    if (name == layers::kAnyChain) {
+      any_ = int(codes_.size());
+      codes_.push_back(0);  // that of no chain
+      continue;
+    }
     TEMPERA_ASSERT(layers::is_chain(name));
     Code code = 1;
     prefixes_.push_back(code);
@@ -42,12 +50,35 @@ int ChainFeatures::find(Code code) const {
 void ChainFeatures::start() {
   std::fill(hits_.begin(), hits_.end(), ChainHit{});
   shares_.clear();
-  if (!empty()) shares_.push({1, Rgb(1.0f)});
-  depth_ = 0;
+  if (!prefixes_.empty()) shares_.push({1, Rgb(1.0f)});
+  any_part_ = Rgb(any_ < 0 ? 0.0f : 1.0f);
+  depth_ = 0, events_ = 0;
+}
+
+void ChainFeatures::leave(const Rgb& beta) {
+  if (!is_black(any_part_) && events_ > 0) add_any({.albedo = beta * any_part_});
+  any_part_ = Rgb(0.0f);
+}
+
+void ChainFeatures::add_any(ChainHit hit) {
+  ChainHit& sum = hits_[std::size_t(any_)];
+  hit.weight = luminance(hit.albedo);
+  sum.emission += hit.emission;
+  if (!(hit.weight > 0)) return;
+  if (hit.weight > sum.weight) sum.instance = hit.instance;
+  sum.albedo += hit.albedo;
+  sum.weight += hit.weight;
+  const float share = hit.weight / sum.weight;
+  sum.normal = sum.normal * (1 - share) + hit.normal * share;
+  sum.depth += (hit.depth - sum.depth) * share;
 }
 
 void ChainFeatures::scatter(const std::array<Rgb, kEventCount>& f) {
   const Rgb sum = f[0] + f[1] + f[2];
+  const Rgb& diffuse = f[std::size_t(Event::kDiffuse)];
+  for (int c = 0; c < 3; ++c) any_part_[c] *= sum[c] > 0 ? 1 - diffuse[c] / sum[c] : 0;
+  if (++events_ > layers::kMaxChain || max_component(any_part_) < kLeastPart) any_part_ = Rgb(0.0f);
+  if (shares_.size() == 0) return;
   const auto before = shares_;
   shares_.clear();
   for (const Share& s : before) {

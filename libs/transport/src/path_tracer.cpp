@@ -77,6 +77,7 @@ SampleResult trace_features(const FrameContext& context, const PathOptions& opti
     const EdgeEnd end =
         follow(context, camera.stream, index, ray, index == 0 ? &camera : nullptr, v, passed, pass_probability);
     result.rays += std::uint32_t(passed) + 1;
+    if (end == EdgeEnd::kEnvironment && chains && chains->active()) chains->leave(beta);
     if (end != EdgeEnd::kSurface) break;
     const float distance = length(v.s.p - previous);
     beta *= absorption(v, distance);

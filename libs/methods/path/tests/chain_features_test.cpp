@@ -77,6 +77,54 @@ TEST(ChainFeatures, OneSampleFeedsSeveralChains) {
   EXPECT_NEAR(mirrored.g / mirrored.r, 1 / 9.0f, 1e-4f);
 }
 
+/// Asks for what all chains together show, too.
+TestShot with_any(TestShot shot) {
+  for (const LayerDesc& d : layers::chain_features())
+    shot.settings.layers.push_back(layers::chain_layer(layers::kAnyChain, d).name);
+  return shot;
+}
+
+// All chains together see a pane's far side by every number of passes between its surfaces, and the sky that it mirrors.
+TEST(ChainFeatures, OfAnyChainBehindGlass) {
+  TestShot shot = with_any(wall());
+  for (const float side : {1.0f, -1.0f})
+    shot.add(quad({0, 0, 2 + 0.05f * side}, {side * 2, 0, 0}, {0, 2, 0}), make_dielectric({}));
+  const Frame f = shot.render();
+  const double fresnel = sqr(0.5046 / 2.5046), passes = (1 - fresnel) / (1 + fresnel);
+  const Rgb albedo = mean(f.layer("chain.any.albedo")), first = mean(f.layer("chain.TTD.albedo"));
+  const double mirrored = 1 - passes;  // of the sky behind the camera, as white as can be
+  EXPECT_NEAR(double(albedo.g), 0.5 * passes + mirrored, 0.02);
+  EXPECT_NEAR(double(albedo.b - albedo.r), 0.6 * passes, 0.02);
+  EXPECT_GT(albedo.b - albedo.r, first.b - first.r) << "what went back and forth";
+  EXPECT_EQ(f.layer("chain.any.object_id").at(3, 3), 1);
+}
+
+TEST(ChainFeatures, OfAnyChainAreThoseOfAllChains) {
+  TestShot shot = with_any(wall());
+  const Frame bare = shot.render();
+  EXPECT_EQ(bare.layer("chain.any.albedo").rgb(3, 3), bare.layer("chain.D.albedo").rgb(3, 3));
+  EXPECT_EQ(bare.layer("chain.any.normal").rgb(3, 3), bare.layer("chain.D.normal").rgb(3, 3));
+  EXPECT_NEAR(bare.layer("chain.any.depth").at(3, 3), 5, 1e-4f);
+  // Lacquer over wood: what it shows of itself and what it mirrors.
+  shot.scene.shapes[0].material = make_plastic({});
+  shot.add(quad({0, 0, 6}, {-20, 0, 0}, {0, 20, 0}), make_diffuse(Rgb{0.9f, 0.1f, 0.1f}));
+  const Frame f = shot.render();
+  const Rgb all = mean(f.layer("chain.any.albedo")), base = mean(f.layer("chain.D.albedo")),
+            mirrored = mean(f.layer("chain.RD.albedo"));
+  for (int c = 0; c < 3; ++c) EXPECT_NEAR(all[c], base[c] + mirrored[c], 0.002f);
+  EXPECT_EQ(f.layer("chain.any.object_id").at(3, 3), 1);
+  // A lamp has no reflectance, and in a mirror counts as white.
+  TestShot lamp = with_any(wall());
+  lamp.scene.shapes[0].material = make_conductor({});
+  lamp.settings.layers.push_back("emission");
+  lamp.add(quad({0, 0, 6}, {-20, 0, 0}, {0, 20, 0}), make_diffuse(Rgb(0.0f)));
+  lamp.scene.shapes[1].emission = AreaEmission{Slot(7.0f), true};
+  const Frame mirror = lamp.render();
+  const Rgb reflectance = mean(mirror.layer("albedo"));
+  for (int c = 0; c < 3; ++c) EXPECT_NEAR(mean(mirror.layer("chain.any.albedo"))[c], reflectance[c], 0.02f);
+  for (int c = 0; c < 3; ++c) EXPECT_NEAR(mean(mirror.layer("chain.any.emission"))[c], 7 * reflectance[c], 0.2f);
+}
+
 TEST(ChainFeatures, FurtherSamplesChangeFeaturesAlone) {
   TestShot shot = wall();
   for (const float side : {1.0f, -1.0f})

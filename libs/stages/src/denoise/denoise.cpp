@@ -61,18 +61,21 @@ class Denoise final : public Stage {
   std::vector<LayerUse> reads(int /*port*/, std::span<const SequenceDesc> in) const override {
     std::vector<LayerUse> out{{layers::color(), true, "there is nothing to denoise"}};
     const Available available(in[0].layers);
-    for (const LayerDesc& d :
-         {layers::color_a(), layers::color_b(), layers::albedo(), layers::normal(), layers::emission(),
-          layers::object_id(), layers::motion_forward(), layers::motion_backward()}) {
+    const bool published = settings_.method == Method::kPublished, rmz13 = settings_.method == Method::kRmz13;
+    const bool any_chain = available.any_chain && !published && !rmz13;
+    if (available.albedo || !any_chain) out.push_back({layers::albedo(), false});
+    for (const LayerDesc& d : {layers::color_a(), layers::color_b(), layers::normal(), layers::emission(),
+                               layers::object_id(), layers::motion_forward(), layers::motion_backward()}) {
       out.push_back({d, false});
     }
     if (!available.halves) out.push_back({layers::color_variance(), false});
-    if (settings_.method == Method::kRmz13) {
+    if (rmz13) {
       out.push_back({layers::depth(), false});
       return out;
     }
-    const bool published = settings_.method == Method::kPublished;
-    for (const std::string& chain : available.chains) {
+    std::vector<std::string> chains = available.chains;
+    if (any_chain) chains.push_back(layers::kAnyChain);
+    for (const std::string& chain : chains) {
       for (const LayerDesc& d : {layers::albedo(), layers::normal()})
         out.push_back({layers::chain_layer(chain, d), false});
       if (published) out.push_back({layers::chain_layer(chain, layers::object_id()), false});

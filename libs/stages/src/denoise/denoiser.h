@@ -3,6 +3,7 @@
 // The denoiser over time, one frame after another: reads frames as it needs them, and forgets those that it no longer
 // does. Private to the denoiser.
 #include <array>
+#include <ctime>
 #include <map>
 #include <memory>
 #include <optional>
@@ -17,6 +18,12 @@
 #include "tempera/stages/stage_run.h"
 
 namespace tempera::denoise {
+
+constexpr float kLeastReflectance = 0.05f;  ///< below it light is not divided by any less
+constexpr int kVarianceRadius = 3;          ///< of the pixels over which variances are averaged
+
+/// CPU time of all threads, in seconds: what a step costs on one core, whatever else the machine does.
+inline double cpu_seconds() { return double(std::clock()) / CLOCKS_PER_SEC; }
 
 /// What is done with the halves of the samples, see docs/denoising.md.
 enum class Recipe {
@@ -53,6 +60,7 @@ FrameRange shot_around(int frame, int distance, const FrameRange& reach, const s
 struct Available {
   explicit Available(std::span<const LayerDesc> layers);
   bool halves = false, variance = false, albedo = false, normal = false, emission = false, id = false, motion = false;
+  bool any_chain = false;            ///< features of all chains together
   std::vector<std::string> classes;  ///< of a decomposition, that have halves of their own
   std::vector<std::string> chains;   ///< that have features of their own
   /// What is lost, a sentence each.
@@ -181,6 +189,7 @@ class Denoiser {
   std::shared_ptr<Oidn> oidn_;
   Recipe recipe_;
   bool hold_fireflies_;
+  bool few_ = false;       ///< samples, so that cleaning features costs more than it gains
   bool thorough_ = false;  ///< whether Open Image Denoise takes the time for its best
   std::map<int, Source> sources_;
   std::map<int, Averaged> averaged_;

@@ -109,8 +109,9 @@ struct Oidn::Library {
   };
 
   /// Images of a filter keep their place, so that it need not be prepared for every frame.
-  Prepared& prepared(const std::vector<std::string>& names, bool thorough, int width, int height) {
-    Prepared& p = filters[fmt::format("{} {} {} {}", fmt::join(names, " "), thorough, width, height)];
+  Prepared& prepared(const std::vector<std::string>& names, bool clean_features, bool thorough, int width, int height) {
+    Prepared& p =
+        filters[fmt::format("{} {} {} {} {}", fmt::join(names, " "), clean_features, thorough, width, height)];
     if (p.handle) return p;
     p.handle = new_filter(device, "RT");
     check();
@@ -122,7 +123,7 @@ struct Oidn::Library {
     }
     const bool color = names.front() == "color";
     if (color) set_bool(p.handle, "hdr", true);
-    if (color && names.size() > 1) set_bool(p.handle, "cleanAux", true);
+    if (color && names.size() > 1 && clean_features) set_bool(p.handle, "cleanAux", true);
     set_int(p.handle, "maxMemoryMB", kMemory);
     set_int(p.handle, "quality", thorough ? kQualityHigh : kQualityBalanced);
     commit_filter(p.handle);
@@ -130,11 +131,11 @@ struct Oidn::Library {
     return p;
   }
 
-  Planes run(const std::vector<std::pair<std::string, const Planes*>>& inputs, bool thorough) {
+  Planes run(const std::vector<std::pair<std::string, const Planes*>>& inputs, bool clean_features, bool thorough) {
     std::vector<std::string> names;
     for (const auto& [name, planes] : inputs) names.push_back(name);
     const Planes& first = *inputs.front().second;
-    Prepared& p = prepared(names, thorough, first.width(), first.height());
+    Prepared& p = prepared(names, clean_features, thorough, first.width(), first.height());
     for (const auto& [name, planes] : inputs) {
       const Image from = planes->image();
       std::copy(from.values().begin(), from.values().end(), p.images[name].values().begin());
@@ -169,16 +170,17 @@ Oidn::~Oidn() = default;
 
 const std::string& Oidn::version() const { return library_->version; }
 
-Planes Oidn::denoise(const Planes& color, const Planes& albedo, const Planes& normal, bool thorough) {
+Planes Oidn::denoise(const Planes& color, const Planes& albedo, const Planes& normal, bool clean_features,
+                     bool thorough) {
   std::vector<std::pair<std::string, const Planes*>> inputs{{"color", &color}};
   // The library takes a normal only beside an albedo.
   if (!albedo.empty()) inputs.emplace_back("albedo", &albedo);
   if (!albedo.empty() && !normal.empty()) inputs.emplace_back("normal", &normal);
-  return library_->run(inputs, thorough);
+  return library_->run(inputs, clean_features, thorough);
 }
 
 Planes Oidn::prefilter(const std::string& name, const Planes& feature) {
-  return library_->run({{name, &feature}}, false);
+  return library_->run({{name, &feature}}, false, false);
 }
 
 }  // namespace tempera::denoise

@@ -19,9 +19,9 @@ class Oidn {
   Oidn& operator=(const Oidn&) = delete;
 
   const std::string& version() const;  ///< "2.5.1"
-  /// Denoises [h,w,3]. `color`: radiance from 0 on. `albedo` in [0,1] and `normal` in [-1,1]: features without noise.
-  /// `thorough`: with the larger network, which takes more than twice the time.
-  Planes denoise(const Planes& color, const Planes& albedo, const Planes& normal, bool thorough);
+  /// Denoises [h,w,3]. `color`: radiance from 0 on. `albedo` in [0,1] and `normal` in [-1,1]: features, without noise
+  /// if `clean_features`. `thorough`: with the larger network, which takes more than twice the time, as noisy features do.
+  Planes denoise(const Planes& color, const Planes& albedo, const Planes& normal, bool clean_features, bool thorough);
   /// Denoises a feature alone. `name`: "albedo" or "normal".
   Planes prefilter(const std::string& name, const Planes& feature);
 

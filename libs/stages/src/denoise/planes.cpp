@@ -154,4 +154,11 @@ Planes apparent_variance(const Planes& in, int radius) {
   return box_mean(raw, radius);
 }
 
+float noise_floor(const Planes& light) {
+  double sum = 0;
+  for (const float v : light.values()) sum += double(v);
+  const double mean = sum / double(std::max<std::size_t>(light.values().size(), 1));
+  return float(1e-8 * mean * mean + 1e-30);
+}
+
 }  // namespace tempera::denoise

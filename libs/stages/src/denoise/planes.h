@@ -74,6 +74,17 @@ class PackedPlanes {
 /// Calls body(y) for all rows, in parallel.
 void for_rows(int height, const std::function<void(int y)>& body);
 
+/// Sets each value v of channel c at (x, y) to f(c, y, x, v), rows in parallel.
+template <class F>
+void for_values(Planes& out, const F& f) {
+  for (int c = 0; c < out.channels(); ++c) {
+    for_rows(out.height(), [&](int y) {
+      float* to = out.row(c, y);
+      for (int x = 0; x < out.width(); ++x) to[x] = f(c, y, x, to[x]);
+    });
+  }
+}
+
 /// Mean over (2 radius + 1)^2 pixels, as far as they are in the picture, of each channel. Result: the same bits for any
 /// number of threads.
 Planes box_mean(const Planes& in, int radius);
@@ -85,6 +96,9 @@ Planes half_variance(const Planes& a, const Planes& b, int radius);
 /// The variance of noise that neighbours do not share, where nothing else tells it: of what a pixel differs from the mean
 /// of its four neighbours, averaged over channels and (2 radius + 1)^2 pixels. Edges and textures add to it.
 Planes apparent_variance(const Planes& in, int radius);
+
+/// Squared radiance, divided like the light, that no eye and no display could tell from none.
+float noise_floor(const Planes& light);
 
 inline float luminance(float r, float g, float b) { return 0.2126f * r + 0.7152f * g + 0.0722f * b; }
 

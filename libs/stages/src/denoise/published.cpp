@@ -14,9 +14,9 @@ namespace tempera::denoise {
 
 namespace {
 
-constexpr float kLeastReflectance = 1e-3f;  ///< light of less is not divided. [Zimmer 2015, Sec. 3]
+constexpr float kLeastDivisor = 1e-3f;  ///< light of less is not divided. [Zimmer 2015, Sec. 3]
 constexpr JointFilter kBalanced{.patch = 3, .color = true, .tau = 1e-3f};
-constexpr int kWindow = 10, kVarianceRadius = 3;
+constexpr int kWindow = 10;
 constexpr int kUnknownSamples = 32;  ///< taken where a frame does not say its samples
 constexpr float kNoiseFree = 1e-4f;  ///< relative variance of emission that is passed on as it is
 
@@ -276,10 +276,10 @@ Decomposed::Source Decomposed::read(int frame) {
       Planes divided(width, height, 3);  // light that is divided and light that is not have nothing in common
       set_values(divisor, [&](int c, int y, int x) {
         const float r = reflectance.row(c, y)[x];
-        return r < kLeastReflectance ? 1.0f : r;
+        return r < kLeastDivisor ? 1.0f : r;
       });
       set_values(divided,
-                 [&](int c, int y, int x) { return reflectance.row(c, y)[x] < kLeastReflectance ? 0.0f : 1.0f; });
+                 [&](int c, int y, int x) { return reflectance.row(c, y)[x] < kLeastDivisor ? 0.0f : 1.0f; });
       stack.add({std::move(divided), {}});
       const auto divide = [&](Planes& p, bool squared) {
         for (std::size_t i = 0; i < p.values().size(); ++i) {

@@ -144,12 +144,19 @@ Planes likeness_weights(const Planes& here, const Planes& here_variance, const P
     }
   });
   const Planes mean = box_mean(distance, likeness.radius);
+  const bool wide = likeness.wide_k > 0;
+  const Planes wide_mean = wide ? box_mean(distance, likeness.wide_radius) : Planes();
+  const float wide_scale = wide ? k2 / (likeness.wide_k * likeness.wide_k) : 0;
   Planes out(width, height, 1);
   for_rows(height, [&](int y) {
     float* w = out.row(0, y);
     const float *d = mean.row(0, y), *share = mean.row(1, y), *ok = valid.row(0, y);
     for (int x = 0; x < width; ++x) {
-      const float distance_here = std::max(0.0f, d[x] / std::max(share[x], 1e-3f));
+      float distance_here = std::max(0.0f, d[x] / std::max(share[x], 1e-3f));
+      if (wide) {
+        const float around = wide_mean.row(0, y)[x] / std::max(wide_mean.row(1, y)[x], 1e-3f);
+        distance_here = std::max(distance_here, wide_scale * around);
+      }
       w[x] = ok[x] * exp2_fast(-kLog2E * std::min(distance_here, 80.0f));
     }
   });

@@ -38,8 +38,10 @@ Planes gather_smooth(const Planes& in, const Track& track);
 
 /// What weights of an average over time depend on.
 struct Likeness {
-  float k = 0.45f;      ///< how many standard deviations count as like
-  int radius = 3;       ///< of the patches that are compared
+  float k = 0.45f;   ///< how many standard deviations count as like
+  int radius = 3;    ///< of the patches that are compared
+  float wide_k = 0;  ///< the same over wide_radius, where far less than the noise of a patch shows; 0: not compared
+  int wide_radius = 12;
   float relative = 0;   ///< part of the mean's square that counts as equal
   float floor = 1e-8f;  ///< squared difference that counts as equal
 };

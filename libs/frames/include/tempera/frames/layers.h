@@ -107,8 +107,11 @@ LayerDesc class_layer(std::string_view class_name, const LayerDesc& base);
 /// "chain.<letters>.<layer>": the feature `base` of the surface where paths scatter diffusely (D) for the first time, after
 /// the specular events before it: "RD" is what mirrors show, "TTD" what is seen through glass with two sides. Reflectance
 /// and radiance are those that reach the camera: with what the mirrors and glass on the way leave of them.
-/// Pre: letters is a chain (is_chain).
+/// Pre: letters is a chain (is_chain) or kAnyChain.
 LayerDesc chain_layer(std::string_view letters, const LayerDesc& base);
+/// Stands for the letters of all chains together: what is seen, whatever mirrors and glass are before it. Its reflectance is
+/// that of the D events, and 1 where lamps or the environment are seen in mirrors and through glass.
+inline constexpr const char* kAnyChain = "any";
 /// Whether this is a chain: up to kMaxChain letters R and T, then D.
 inline constexpr int kMaxChain = 6;
 bool is_chain(std::string_view letters);

@@ -337,6 +337,37 @@ TEST_F(Denoise, WhereNoChainEndsItIsDark) {
   for (int y = 4; y < kHeight - 4; ++y) EXPECT_LT(out.layer("color").at(30, y, 1), 0.15f) << y;
 }
 
+// Texture behind glass: the reflectance of the pane itself says nothing of it, that of all chains together does. Of few
+// samples that is too noisy to be of use.
+TEST_F(Denoise, LooksThroughGlassOfManySamples) {
+  for (const int spp : {8, 32}) {
+    const Shot shot{.last = 5, .spp = spp, .noise = 0.3f};
+    const std::string in = fmt::format("in{}", spp);
+    for (const bool seen : {false, true}) {
+      for (int f = shot.first; f <= shot.last; ++f) {
+        Frame frame = make(shot, f);
+        const LayerDesc albedo = layers::chain_layer(layers::kAnyChain, layers::albedo());
+        if (seen) {
+          frame.add(albedo, frame.layer("albedo"));
+          frame.add(layers::chain_layer(layers::kAnyChain, layers::normal()), frame.layer("normal"));
+        }
+        for (int y = 0; y < kHeight; ++y) {
+          for (int x = 0; x < kWidth; ++x) frame.layer("albedo").set_rgb(x, y, gray(1));
+        }
+        write_frame(frame_path(pattern(in), f), frame);
+      }
+      run(FrameSequence(pattern(in)), fmt::format("{}{}", seen ? "seen" : "pane", spp));
+    }
+    const Shot truth = shot;
+    const double pane = error(fmt::format("pane{}", spp), truth, 3), seen = error(fmt::format("seen{}", spp), truth, 3);
+    if (spp == 8) {
+      EXPECT_EQ(seen, pane);
+    } else {
+      EXPECT_LT(seen, 0.7 * pane);
+    }
+  }
+}
+
 // With few samples all light is filtered together, and files are read no further than that.
 TEST_F(Denoise, ClassesThatAreNotAskedForAreNotLookedAt) {
   const Shot shot{.last = 3, .spp = 8, .classes = true};

@@ -191,6 +191,28 @@ TEST(Tracks, WeightsTellTheSameFromOthersInTheNoise) {
   for (const float w : nothing.values()) EXPECT_EQ(w, 0);
 }
 
+// A reflection that differs by half of the noise passes for the same in a small patch, but not in a large one.
+TEST(Tracks, WidePatchesSeeWhatTheNoiseOfSmallOnesHides) {
+  const float sigma = 0.2f;
+  const auto mean_weight = [&](float difference, float wide_k) {
+    const auto frame = [&](float truth, std::uint64_t seed) {
+      return picture(60, 60, 3, [&](int x, int y, int c) { return truth + sigma * deviate(seed, x, y, c); });
+    };
+    const Planes variance(60, 60, 1, sigma * sigma), valid(60, 60, 1, 1);
+    Likeness likeness;
+    likeness.k = 0.9f;
+    likeness.wide_k = wide_k;
+    const Planes w = likeness_weights(frame(1, 5), variance, frame(1 + difference, 6), variance, valid, likeness);
+    double sum = 0;
+    for (const float x : w.values()) sum += double(x);
+    return sum / double(w.values().size());
+  };
+  const float half = 0.5f * sigma;
+  EXPECT_GT(mean_weight(half, 0), 0.7);
+  EXPECT_LT(mean_weight(half, 0.2f), 0.1);
+  EXPECT_GT(mean_weight(0, 0.2f), 0.6);
+}
+
 TEST(Residuals, GiveBackWhatBothHalvesShowAndLittleNoise) {
   const auto detail = [](int x, int y, int) { return 1 + 0.3f * float((x / 3 + y / 3) % 2); };
   const Planes truth = picture(96, 80, 3, detail), flat(96, 80, 3, 1.15f);

@@ -36,7 +36,7 @@ class ChainFeatures {
   /// A path begins at the camera.
   void start();
   /// Whether the path may still reach the end of a chain.
-  bool active() const { return shares_.size() > 0; }
+  bool active() const { return shares_.size() > 0 || !is_black(any_part_); }
   /// The path arrived with throughput `beta` from `previous` at `v`, which sends back `emitted`; `known`: the albedo there, if
   /// it is. Not inlined, so that the path tracer is rounded alike with chains and without. Pre: active; v has its bsdf.
   template <class Vertex>
@@ -45,21 +45,35 @@ class ChainFeatures {
     depth_ += length(v.s.p - previous);
     const bool ends = v.bsdf.empty() || !is_black(emitted);
     std::optional<Rgb> albedo;
+    const auto diffuse = [&]() -> const Rgb& {
+      if (!albedo) albedo = v.bsdf.diffuse_albedo(v.s.wo, known);
+      return *albedo;
+    };
+    const auto hit = [&](const Rgb& throughput) {
+      return ChainHit{
+          .albedo = throughput * diffuse(),
+          .emission = throughput * emitted,
+          .weight = luminance(throughput),
+          .normal = dot(v.s.bends ? v.s.ng : v.s.frame.n, v.s.wo) < 0 ? -v.s.frame.n : v.s.frame.n,
+          .depth = depth_,
+          .instance = v.hit.point.instance,
+      };
+    };
     for (const Share& s : shares_) {
       const int i = find(s.code);
       if (i < 0) continue;
-      if (!albedo) albedo = v.bsdf.diffuse_albedo(v.s.wo, known);
-      if (!ends && is_black(*albedo)) return;  // a mirror or clear glass
-      ChainHit& hit = hits_[i];
-      const Rgb throughput = beta * s.part;
-      hit.albedo = throughput * *albedo;
-      hit.emission = throughput * emitted;
-      hit.weight = luminance(throughput);
-      hit.normal = dot(v.s.bends ? v.s.ng : v.s.frame.n, v.s.wo) < 0 ? -v.s.frame.n : v.s.frame.n;
-      hit.depth = depth_;
-      hit.instance = v.hit.point.instance;
+      if (!ends && is_black(diffuse())) break;  // a mirror or clear glass
+      hits_[std::size_t(i)] = hit(beta * s.part);
+    }
+    if (!is_black(any_part_)) {
+      ChainHit h = hit(beta * any_part_);
+      // A lamp in a mirror or behind glass has no reflectance that its light could be divided by.
+      if (events_ > 0 && !is_black(emitted)) h.albedo = beta * any_part_;
+      add_any(h);
     }
   }
+  /// The path left the scene with throughput `beta`. Pre: active.
+  void leave(const Rgb& beta);
   /// The path scatters by `f`, by event. Pre: active.
   void scatter(const std::array<Rgb, kEventCount>& f);
   /// One for each chain.
@@ -73,6 +87,8 @@ class ChainFeatures {
     Rgb part;
   };
   int find(Code code) const;
+  /// Adds a hit to those of any chain, weighted by what its reflectance sends to the camera.
+  void add_any(ChainHit hit);
 
   std::vector<std::string> names_;
   std::vector<Code> codes_;
@@ -80,6 +96,9 @@ class ChainFeatures {
   std::vector<ChainHit> hits_;
   FixedStack<Share, 2 * (1 << layers::kMaxChain)> shares_;
   float depth_ = 0;
+  int any_ = -1;    ///< index of layers::kAnyChain; -1: not asked for
+  Rgb any_part_;    ///< of the light that may still come by any chain; 0: not asked for
+  int events_ = 0;  ///< so far
 };
 
 /// Means of chain features over the samples of a tile's pixels. Threads: one thread each.

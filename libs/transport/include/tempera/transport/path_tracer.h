@@ -299,6 +299,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
         }
       }
       observe(index, nullptr, le, light_pdf, pass_probability);
+      if (chains && chains->active()) chains->leave(beta);
       break;
     }
     if (v.material().has_absorption()) beta *= absorption(v, length(v.s.p - previous));
