@@ -138,9 +138,11 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
     parts_ = {{{}, 0, true}};
   }
   // Of few samples what mirrors and glass show is too noisy to be of help.
-  const bool show = available_.any_chain && (!few_ || !available_.albedo) && available_.chains.empty();
-  if (show) views_ = {{layers::kAnyChain}};
-  if (show && parts_.size() > 1) parts_[1].view = 0;
+  const bool show = available_.any_chain && (!few_ || !available_.albedo);
+  if (show && (parts_.size() == 1 || available_.chains.empty())) {
+    views_ = {{layers::kAnyChain}};
+    parts_.back().view = 0;
+  }
 }
 
 FrameRange Denoiser::around(int frame, int distance) const {
