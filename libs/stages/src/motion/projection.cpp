@@ -16,12 +16,12 @@ constexpr std::uint32_t kNobody = 0xffffffffu;
 
 float finite(float v) { return std::isfinite(v) ? v : 0.0f; }
 
-const Image* find_layer(const Frame& layers, const LayerDesc& desc, int channels, int frame) {
-  const Layer* layer = layers.find(desc.name);
+const Image* find_layer(const Frame& layers, const std::string& name, int channels, int frame) {
+  const Layer* layer = layers.find(name);
   if (!layer) return nullptr;
   if (layer->image.channels() < channels) {
     throw Error(ErrorCode::kBadInput, fmt::format("frame {}: the layer \"{}\" has {} channels, {} are needed", frame,
-                                                  desc.name, layer->image.channels(), channels));
+                                                  name, layer->image.channels(), channels));
   }
   return &layer->image;
 }
@@ -87,12 +87,13 @@ bool Surfaces::nearer(std::size_t i, std::size_t j) const {
   return a.x * a.x + a.y * a.y > b.x * b.x + b.y * b.y;
 }
 
-Surfaces read_surfaces(const Frame& layers, int frame) {
+Surfaces read_surfaces(const Frame& layers, int frame, const std::string& prefix) {
   const int w = layers.width(), h = layers.height();
-  const Image* forward = find_layer(layers, layers::motion_forward(), 2, frame);
-  const Image* backward = find_layer(layers, layers::motion_backward(), 2, frame);
-  const Image* depth = find_layer(layers, layers::depth(), 1, frame);
-  const Image* id = find_layer(layers, layers::object_id(), 1, frame);
+  const auto find = [&](const LayerDesc& desc, int channels) {
+    return find_layer(layers, prefix + desc.name, channels, frame);
+  };
+  const Image *forward = find(layers::motion_forward(), 2), *backward = find(layers::motion_backward(), 2);
+  const Image *depth = find(layers::depth(), 1), *id = find(layers::object_id(), 1);
   Surfaces s;
   s.linear = Grid<Vec3f>(w, h), s.quadratic = Grid<Vec3f>(w, h);
   if (depth) {
@@ -189,6 +190,44 @@ Grid<Place> project(const Surfaces& s, float theta) {
         continue;
       if (resolve(x, y, in, place)) continue;
       resolve(x, y, near, place);
+    }
+  });
+  return out;
+}
+
+Grid<Place> walk(std::span<const Surfaces* const> frames, int step) {
+  const Surfaces& first = *frames.front();
+  const int w = first.width(), h = first.height();
+  const std::uint8_t onward = step > 0 ? kForward : kBackward, back = step > 0 ? kBackward : kForward;
+  Grid<Place> out(w, h);
+  const auto vector_at = [&](const Surfaces& s, const Taps& taps, float theta) {
+    Vec3f d;
+    for (int k = 0; k < 4; ++k) d += taps.weight[k] * s.moved(taps.pixel[k], theta);
+    return d;
+  };
+  parallel_rows(0, h, [&](int y) {
+    for (int x = 0; x < w; ++x) {
+      const std::size_t start = first.linear.index(x, y);
+      Place p{float(x) + 0.5f, float(y) + 0.5f};
+      bool ok = true;
+      for (std::size_t k = 0; ok && k + 1 < frames.size(); ++k) {
+        const Surfaces &here = *frames[k], &there = *frames[k + 1];
+        const Taps taps = taps_at(here, p);
+        ok = here.vectors[taps.main] & onward;
+        if (!ok) break;
+        const Vec3f d = vector_at(here, taps, float(step));
+        p.x += d.x, p.y += d.y;
+        ok = p.x >= 0 && p.y >= 0 && p.x < float(w) && p.y < float(h);
+        if (!ok) break;
+        const Taps then = taps_at(there, p);
+        ok = first.id.empty() || there.id.empty() || first.id[start] == there.id[then.main];
+        if (ok && there.vectors[then.main] & back) {
+          const Vec3f b = vector_at(there, then, float(-step));
+          const float gap = (d.x + b.x) * (d.x + b.x) + (d.y + b.y) * (d.y + b.y);
+          ok = gap <= 0.01f * (d.x * d.x + d.y * d.y) + 0.25f;
+        }
+      }
+      if (ok) out.at(x, y) = p;
     }
   });
   return out;

@@ -5,6 +5,7 @@
 // seams. Private to the stages that move pictures.
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "tempera/core/grid.h"
@@ -39,7 +40,8 @@ inline constexpr std::uint8_t kForward = 1, kBackward = 2;
 /// Takes motion.forward and motion.backward (one of them at least), depth and object_id of a frame. A vector that is
 /// not valid is the opposite of the one in the other direction, else continued from pixels of the same object: smoothly
 /// [Zimmer 2015, Section 4.4]. Errors: Error{kBadInput} naming `frame` for layers with too few channels.
-Surfaces read_surfaces(const Frame& layers, int frame);
+/// `prefix`: of the layers' names: "chain.RD." for what is seen in mirrors.
+Surfaces read_surfaces(const Frame& layers, int frame, const std::string& prefix = "");
 
 /// A place in a frame.
 struct Place {
@@ -51,6 +53,12 @@ struct Place {
 
 /// What is seen `theta` frames after the time of `surfaces`, at each pixel. Serial; the same bits always.
 Grid<Place> project(const Surfaces& surfaces, float theta);
+
+/// Where what pixels of a frame show is `frames.size() - 1` frames on, step by step along the vectors: `frames` are the
+/// surfaces of the frame, of those in between, and of the last one, in either direction of time (`step` 1 or -1). A place
+/// is valid where each vector on the way is the frame's own, leads to the same object within the picture, and is undone
+/// by the vector back.
+Grid<Place> walk(std::span<const Surfaces* const> frames, int step);
 
 /// Lets pixels that see nothing see what the farthest of their neighbors does, ring by ring.
 void grow(Grid<Place>& places);
