@@ -451,7 +451,7 @@ const StageEntry interpolate_entry{
     .done = "made",
     .params = kParams,
     .ports = {{"keys", "key frames, clean"},
-              {"guides", "frames in between, rendered with few samples, with the same layers"}},
+              {"guides", "frames in between, rendered with few samples, with the same layers", true}},
     .output_help = "all frames",
     .reads = {{{"color"}, "needed: light of the keys; of the guides, to tell where it changes"},
               {{"motion.forward", "motion.backward"}, "needed"},
@@ -471,6 +471,9 @@ const StageEntry interpolate_entry{
     .examples = {"tempera interpolate keys/ guides/ -o between/ --every 4",
                  "tempera render shot.toml --mask between/f.####.exr -o pixels/f.####.exr",
                  "tempera fill between/ pixels/ -o final/"},
-    .make = [](const Params& p) -> std::unique_ptr<Stage> { return std::make_unique<Interpolate>(p); }};
+    .make = [](const Params& p) -> std::unique_ptr<Stage> { return std::make_unique<Interpolate>(p); },
+    .takes_keys = true,
+    .sharp = true,
+    .takes_cuts = true};
 
 }  // namespace tempera

@@ -360,6 +360,9 @@ const StageEntry motionblur_entry{
     .gap_help = "they show what comes into view while the shutter is open",
     .examples = {"tempera render shot.toml --shutter 0.25,0.25 --layers motion,depth,object_id -o sharp/f.####.exr",
                  "tempera motionblur sharp/ -o blurred/ --shutter 0.5"},
-    .make = [](const Params& p) -> std::unique_ptr<Stage> { return std::make_unique<MotionBlur>(p); }};
+    .make = [](const Params& p) -> std::unique_ptr<Stage> { return std::make_unique<MotionBlur>(p); },
+    .sharp = true,
+    .opens_shutter = true,
+    .takes_cuts = true};
 
 }  // namespace tempera
