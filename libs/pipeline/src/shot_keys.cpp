@@ -33,8 +33,8 @@ std::vector<ShotKey> own_keys() {
       {{"motion_segments", "auto", "segments of a frame between which motion is interpolated, 1 to 1024; auto: as many as the motion needs, one number for the whole shot"}, "", "N", "", true},
       {{"cuts", "", "first frames after cuts: motion ends there, and nothing looks across; jumps of the camera are found without it"}, "", "FRAMES", "", true},
 
-      {{"quality", "as_told", "draft, final: clean frames, from 8 or 64 samples a pixel and by the stage denoise; see docs/denoising.md. fast: the same as final of every "
-        "fourth frame, and the frames in between and motion blur made of these; see docs/motion-stages.md. What the "
+      {{"quality", "as_told", "draft, final: clean frames, from 8 or 64 samples a pixel and by the stage denoise; see docs/denoising.md. fast: the same of every "
+        "fourth frame at half the width and height; the rest and motion blur are made of these; see docs/motion-stages.md. What the "
         "shot or the command line say themselves stays", -kMany, kMany, {"as_told", "draft", "final", "fast"}}, "--quality", "NAME"},
       {{"stages", "", "what follows the render, in this order; `tempera list stages` names them, and each has a table; []: nothing. The integrator is "
        "asked for the layers that those named here can use; the result holds those of output.layers"}, "", "A,B", "", true},

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The stage `interpolate`: frames between key frames, see docs/motion-stages.md. Source: [Zimmer 2015, Section 4.3].
-// DEVIATION [Zimmer 2015, Section 4.3]: keys are not splatted. What a frame in between shows is known from guides, which
+// The stage `interpolate`: frames between key frames, see docs/motion-stages.md. Source: [Zimmer 2015, Sec. 5.3].
+// DEVIATION [Zimmer 2015, Sec. 5.3]: keys are not splatted. What a frame in between shows is known from guides, which
 // are rendered with few samples: their surfaces are followed to both keys, and light is gathered there.
 #include <fmt/format.h>
 
@@ -155,7 +155,7 @@ class Interpolate final : public Stage {
       const auto it =
           std::find_if(uses.begin(), uses.end(), [&](const LayerUse& use) { return use.layer.name == d.name; });
       if (it != uses.end()) {
-        it->required = true;
+        *it = {d, true, "the keys have it"};
       } else {
         uses.push_back({d, true, "the keys have it"});
       }

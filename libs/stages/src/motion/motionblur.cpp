@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stage `motionblur`: frames as a camera with an open shutter sees them, from sharp frames with motion vectors, see
-// docs/motion-stages.md. Source: [Zimmer 2015, Section 4.4].
+// docs/motion-stages.md. Source: [Zimmer 2015, Sec. 5.3].
 #include <fmt/format.h>
 
 #include <algorithm>

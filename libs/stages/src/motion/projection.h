@@ -39,7 +39,7 @@ inline constexpr std::uint8_t kForward = 1, kBackward = 2;
 
 /// Takes motion.forward and motion.backward (one of them at least), depth and object_id of a frame. A vector that is
 /// not valid is the opposite of the one in the other direction, else continued from pixels of the same object: smoothly
-/// [Zimmer 2015, Section 4.4]. Errors: Error{kBadInput} naming `frame` for layers with too few channels.
+/// [Zimmer 2015, Sec. 5.3]. Errors: Error{kBadInput} naming `frame` for layers with too few channels.
 /// `prefix`: of the layers' names: "chain.RD." for what is seen in mirrors.
 Surfaces read_surfaces(const Frame& layers, int frame, const std::string& prefix = "");
 
