@@ -11,7 +11,7 @@
 
 #include "denoise/denoiser.h"
 #include "denoise/planes.h"
-#include "motion/projection.h"
+#include "motion/parts.h"
 #include "tempera/core/parallel.h"
 #include "tempera/stages/stage_run.h"
 
@@ -21,6 +21,7 @@ namespace {
 
 using denoise::box_mean;
 using denoise::Planes;
+using motion::Part;
 using motion::Place;
 using motion::Surfaces;
 using motion::Taps;
@@ -36,20 +37,12 @@ const std::vector<ParamSpec> kParams = {
 /// Reflectance that light is divided by at least, so that black surfaces and the background need no rule of their own.
 constexpr float kLeastAlbedo = 0.05f;
 
-/// The layers that light is known by.
-struct Light {
-  Planes color;     ///< [h,w,3] radiance
-  Planes alpha;     ///< [h,w,1]
-  Planes divisor;   ///< [h,w,3] reflectance, kLeastAlbedo at least
-  Planes emission;  ///< [h,w,3]
-};
-
-const Image* image_of(const Frame& frame, const LayerDesc& desc, int channels, const char* what, int number) {
-  const Layer* layer = frame.find(desc.name);
+const Image* image_of(const Frame& frame, const std::string& name, int channels, const char* what, int number) {
+  const Layer* layer = frame.find(name);
   if (!layer) return nullptr;
   if (layer->image.channels() < channels) {
     throw Error(ErrorCode::kBadInput, fmt::format("{} {}: the layer \"{}\" has {} channels, {} are needed", what,
-                                                  number, desc.name, layer->image.channels(), channels));
+                                                  number, name, layer->image.channels(), channels));
   }
   return &layer->image;
 }
@@ -63,44 +56,47 @@ Planes planes_of(const Image* image, int channels, float missing, int w, int h) 
   return out;
 }
 
-Light light_of(const Frame& frame, const char* what, int number) {
-  const int w = frame.width(), h = frame.height();
-  Light light;
-  const Image* color = image_of(frame, layers::color(), 3, what, number);
-  light.color = planes_of(color, 3, 0, w, h);
-  light.alpha = Planes(w, h, 1, 1);
-  if (color && color->channels() >= 4) {
-    for (std::size_t i = 0; i < light.alpha.pixels(); ++i)
-      light.alpha.plane(0)[i] = color->values()[i * std::size_t(color->channels()) + 3];
-  }
-  light.divisor = planes_of(image_of(frame, layers::albedo(), 3, what, number), 3, 1, w, h);
-  for (float& v : light.divisor.values()) v = std::max(v, kLeastAlbedo);
-  light.emission = planes_of(image_of(frame, layers::emission(), 3, what, number), 3, 0, w, h);
-  return light;
-}
+/// How the light of a part of a frame becomes irradiance: (color - emission) / divisor.
+struct Light {
+  Planes color;     ///< [h,w,3] radiance
+  Planes divisor;   ///< [h,w,3] reflectance, kLeastAlbedo at least
+  Planes emission;  ///< [h,w,3]
 
-/// (color - emission) / divisor.
-Planes irradiance(const Planes& color, const Light& light) {
-  Planes out = color;
-  for (std::size_t i = 0; i < out.values().size(); ++i) {
-    out.values()[i] = (color.values()[i] - light.emission.values()[i]) / light.divisor.values()[i];
+  Light(const Frame& frame, const Part& part, const char* what, int number)
+      : color(planes_of(image_of(frame, part.color, 3, what, number), 3, 0, frame.width(), frame.height())),
+        divisor(motion::reflectance_of(frame, part, kLeastAlbedo), 3),
+        emission(frame.width(), frame.height(), 3) {
+    if (part.color == layers::color().name)
+      emission =
+          planes_of(image_of(frame, layers::emission().name, 3, what, number), 3, 0, frame.width(), frame.height());
   }
-  return out;
-}
-
-/// A frame that is not made but read.
-struct Known {
-  const Frame* frame = nullptr;
-  Surfaces surfaces;
+  Planes irradiance(const Planes& of) const {
+    Planes out = of;
+    for (std::size_t i = 0; i < out.values().size(); ++i) {
+      out.values()[i] = (of.values()[i] - emission.values()[i]) / divisor.values()[i];
+    }
+    return out;
+  }
 };
 
-/// What a key says of the frame that is made.
+/// The same surfaces of all frames from a key to the next, and where those of the frame that is made are in both.
+struct Walks {
+  std::map<int, Surfaces> surfaces;
+  Grid<Place> before, after;
+};
+
+/// What a key says of the light of the frame that is made.
 struct Gathered {
-  Grid<Place> places;
   Planes irradiance;  ///< [h,w,3]
   Planes color;       ///< [h,w,3]
-  Planes alpha;       ///< [h,w,1]
   Planes valid;       ///< [h,w,1] 1 or 0
+};
+
+/// What is made of a part of the light.
+struct Made {
+  Planes color;                 ///< [h,w,3]
+  Planes share;                 ///< [h,w,1] of the later key
+  Grid<std::uint8_t> unwanted;  ///< 1 where it is better rendered
 };
 
 class Interpolate final : public Stage {
@@ -147,13 +143,24 @@ class Interpolate final : public Stage {
                                {layers::depth(), false},
                                {layers::albedo(), false},
                                {layers::emission(), false}};
+    const auto named = [&](const LayerDesc& d) {
+      return std::find_if(uses.begin(), uses.end(), [&](const LayerUse& use) { return use.layer.name == d.name; });
+    };
+    for (const LayerDesc& d : motion::chain_layers(in[kKeys].layers)) uses.push_back({d, false});
+    for (const LayerDesc& d : in[kKeys].layers) {
+      if (survives(d) && d.role == LayerRole::kPicture && named(d) == uses.end()) uses.push_back({d, false});
+    }
     if (port == kKeys) return uses;
-    uses.push_back({layers::color_a(), false});
-    uses.push_back({layers::color_b(), false});
+    for (const LayerDesc& d : {layers::color_a(), layers::color_b()}) {
+      uses.push_back({d, false});
+      for (const LayerDesc& light : in[kKeys].layers) {
+        if (!light.path_class.empty() && survives(light))
+          uses.push_back({layers::class_layer(light.path_class, d), false});
+      }
+    }
     for (const LayerDesc& d : in[kKeys].layers) {
       if (!survives(d)) continue;
-      const auto it =
-          std::find_if(uses.begin(), uses.end(), [&](const LayerUse& use) { return use.layer.name == d.name; });
+      const auto it = named(d);
       if (it != uses.end()) {
         *it = {d, true, "the keys have it"};
       } else {
@@ -203,8 +210,9 @@ class Interpolate final : public Stage {
  private:
   /// Whether a layer is true of the frames that come out.
   static bool survives(const LayerDesc& d) {
+    const bool light = d.name == layers::color().name || !d.path_class.empty();
     return d.pass.empty() && d.role != LayerRole::kStatistic && d.role != LayerRole::kReconstruction &&
-           d.role != LayerRole::kMask;
+           d.role != LayerRole::kMask && (d.role != LayerRole::kPicture || light);
   }
 
   std::set<int> keys_of(const SequenceDesc& in) const {
@@ -236,74 +244,72 @@ class Interpolate final : public Stage {
     return {*std::prev(after), *after};
   }
 
-  /// What the key at the end of `frames` says of the frame at their begin.
-  static Gathered gather(std::span<const Surfaces* const> frames, const Frame& key, int number, int step) {
-    const Surfaces& s = *frames.back();
+  Walks walks_of(const FrameWindow& in, int frame, int a, int b, const Part& part) const {
+    Walks out;
+    for (int f = a; f <= b; ++f)
+      out.surfaces.emplace(f, motion::surfaces_of(in.at(f, f == a || f == b ? kKeys : kGuides), f, part));
+    const auto walk_to = [&](int key) {
+      const int step = key > frame ? 1 : -1;
+      std::vector<const Surfaces*> way;
+      for (int f = frame; f != key + step; f += step) way.push_back(&out.surfaces.at(f));
+      return motion::walk(way, step);
+    };
+    out.before = walk_to(a), out.after = walk_to(b);
+    return out;
+  }
+
+  /// What a key says of the light at `places`.
+  static Gathered gather(const Frame& key, int number, const Part& part, const Surfaces& s, const Grid<Place>& places) {
     const int w = s.width(), h = s.height();
-    const Light light = light_of(key, "key", number);
+    const Light light(key, part, "key", number);
     // Edges of what moves before something else hold light of both.
-    const Grid<std::uint8_t> edges = motion::covered_edges(s);
     const Image radiance = light.color.image();
-    const Image clean = motion::without_edges(irradiance(light.color, light).image(), s, edges);
-    Gathered out{motion::walk(frames, step), Planes(w, h, 3), Planes(w, h, 3), Planes(w, h, 1), Planes(w, h, 1)};
-    const Image alpha = light.alpha.image();
+    const Image clean = motion::without_edges(light.irradiance(light.color).image(), s, motion::covered_edges(s));
+    Gathered out{Planes(w, h, 3), Planes(w, h, 3), Planes(w, h, 1)};
     parallel_rows(0, h, [&](int y) {
       for (int x = 0; x < w; ++x) {
-        const Place& p = out.places.at(x, y);
+        const Place& p = places.at(x, y);
         if (!p.valid()) continue;
         const Taps taps = motion::taps_at(s, p);
         for (int c = 0; c < 3; ++c) {
           out.irradiance.row(c, y)[x] = motion::value_at(clean, taps, c);
           out.color.row(c, y)[x] = motion::value_at(radiance, taps, c);
         }
-        out.alpha.row(0, y)[x] = motion::value_at(alpha, taps, 0);
         out.valid.row(0, y)[x] = 1;
       }
     });
     return out;
   }
 
-  /// Frame `frame` between the keys a and b, with the layers `wanted` and the mask.
-  Frame make(const FrameWindow& in, int frame, int a, int b, const std::vector<LayerDesc>& wanted) const {
-    std::map<int, Surfaces> surfaces;
-    for (int f = a; f <= b; ++f) {
-      surfaces.emplace(f, motion::read_surfaces(f == a || f == b ? in.at(f, kKeys) : in.at(f, kGuides), f));
-    }
-    const auto chain = [&](int to) {
-      std::vector<const Surfaces*> out;
-      for (int f = frame; f != to; f += to > frame ? 1 : -1) out.push_back(&surfaces.at(f));
-      out.push_back(&surfaces.at(to));
-      return out;
-    };
-    const Gathered before = gather(chain(a), in.at(a, kKeys), a, -1);
-    const Gathered after = gather(chain(b), in.at(b, kKeys), b, 1);
-    const Frame& guide = in.at(frame, kGuides);
-    const Light light = light_of(guide, "guide", frame);
+  /// Variance of the irradiance of a guide, from the halves of its samples if there are such.
+  static Planes noise_of(const Frame& guide, int frame, const Part& part, const Light& light,
+                         const Planes& irradiance) {
+    const Image* a = image_of(guide, part.color + ".a", 3, "guide", frame);
+    const Image* b = image_of(guide, part.color + ".b", 3, "guide", frame);
+    if (!a || !b) return denoise::apparent_variance(irradiance, kRadius);
     const int w = guide.width(), h = guide.height();
-    const Surfaces& here = surfaces.at(frame);
+    return denoise::half_variance(light.irradiance(planes_of(a, 3, 0, w, h)),
+                                  light.irradiance(planes_of(b, 3, 0, w, h)), kRadius);
+  }
 
-    // The noisy light of the guide, and its variance.
-    const Planes noisy = irradiance(light.color, light);
-    Planes variance;
-    if (guide.has("color.a") && guide.has("color.b")) {
-      const Planes half_a =
-          irradiance(planes_of(image_of(guide, layers::color_a(), 3, "guide", frame), 3, 0, w, h), light);
-      const Planes half_b =
-          irradiance(planes_of(image_of(guide, layers::color_b(), 3, "guide", frame), 3, 0, w, h), light);
-      variance = denoise::half_variance(half_a, half_b, kRadius);
-    } else {
-      variance = denoise::apparent_variance(noisy, kRadius);
-    }
-
-    const float linear = float(frame - a) / float(b - a);
-    const Planes share = share_of_after(before, after, noisy, variance, linear);
-    Planes made(w, h, 3), known(w, h, 1);
-    Planes color(w, h, 3), alpha(w, h, 1);
+  static Made make_part(const FrameWindow& in, int frame, int a, int b, const Part& part, const Walks& walks) {
+    const Surfaces& here = walks.surfaces.at(frame);
+    const int w = here.width(), h = here.height();
+    const Gathered before = gather(in.at(a, kKeys), a, part, walks.surfaces.at(a), walks.before);
+    const Gathered after = gather(in.at(b, kKeys), b, part, walks.surfaces.at(b), walks.after);
+    const Frame& guide = in.at(frame, kGuides);
+    const Light light(guide, part, "guide", frame);
+    const Planes noisy = light.irradiance(light.color);
+    const Planes variance = noise_of(guide, frame, part, light, noisy);
+    Made out{Planes(w, h, 3), share_of_after(before, after, noisy, variance, float(frame - a) / float(b - a)), {}};
+    Planes irradiance(w, h, 3), known(w, h, 1);
     parallel_rows(0, h, [&](int y) {
       for (int x = 0; x < w; ++x) {
         const bool has_a = before.valid.row(0, y)[x] > 0, has_b = after.valid.row(0, y)[x] > 0;
-        const float t = has_a && has_b ? share.row(0, y)[x] : has_a ? 0.0f : 1.0f;
-        const bool whole = (!has_a || is_whole(before.places.at(x, y))) && (!has_b || is_whole(after.places.at(x, y)));
+        float& t = out.share.row(0, y)[x];
+        if (!has_a || !has_b) t = has_a ? 0.0f : 1.0f;
+        // Texture comes from the guide, unless pixels lie on pixels.
+        const bool whole = (!has_a || is_whole(walks.before.at(x, y))) && (!has_b || is_whole(walks.after.at(x, y)));
         known.row(0, y)[x] = has_a || has_b;
         for (int c = 0; c < 3; ++c) {
           float u = noisy.row(c, y)[x], r = light.color.row(c, y)[x];  // the best guess where there is nothing else
@@ -312,14 +318,19 @@ class Interpolate final : public Stage {
             r = whole ? (1 - t) * before.color.row(c, y)[x] + t * after.color.row(c, y)[x]
                       : u * light.divisor.row(c, y)[x] + light.emission.row(c, y)[x];
           }
-          made.row(c, y)[x] = u;
-          color.row(c, y)[x] = r;
+          irradiance.row(c, y)[x] = u;
+          out.color.row(c, y)[x] = r;
         }
-        alpha.row(0, y)[x] = has_a || has_b ? (1 - t) * before.alpha.row(0, y)[x] + t * after.alpha.row(0, y)[x]
-                                            : light.alpha.row(0, y)[x];
       }
     });
+    out.unwanted = unwanted(here, walks, noisy, variance, irradiance, known);
+    return out;
+  }
 
+  /// Frame `frame` between the keys a and b, with the layers `wanted` and the mask.
+  Frame make(const FrameWindow& in, int frame, int a, int b, const std::vector<LayerDesc>& wanted) const {
+    const Frame& guide = in.at(frame, kGuides);
+    const int w = guide.width(), h = guide.height();
     Frame out(w, h);
     out.metadata = guide.metadata;
     for (const Layer& l : guide.layers()) {
@@ -327,15 +338,70 @@ class Interpolate final : public Stage {
           std::any_of(wanted.begin(), wanted.end(), [&](const LayerDesc& d) { return d.name == l.desc.name; });
       if (written) out.add(l.desc, l.image);
     }
-    Image& result = out.layer("color");
-    for (int y = 0; y < h; ++y) {
-      for (int x = 0; x < w; ++x) {
-        for (int c = 0; c < 3; ++c) result.at(x, y, c) = color.row(c, y)[x];
-        if (result.channels() >= 4) result.at(x, y, 3) = alpha.row(0, y)[x];
+    const std::vector<Part> parts = motion::parts_of(wanted, guide.metadata);
+    std::map<std::vector<std::string>, Walks> walks;  // by the chains of a part
+    const auto walks_along = [&](const Part& part) -> const Walks& {
+      auto it = walks.find(part.chains);
+      if (it == walks.end()) it = walks.emplace(part.chains, walks_of(in, frame, a, b, part)).first;
+      return it->second;
+    };
+    std::vector<Made> made;
+    Planes sum(w, h, 3);
+    for (const Part& part : parts) {
+      made.push_back(make_part(in, frame, a, b, part, walks_along(part)));
+      if (part.add) {
+        for (std::size_t i = 0; i < sum.values().size(); ++i) sum.values()[i] += made.back().color.values()[i];
+      }
+      if (part.color != layers::color().name) put(made.back().color, out.layer(part.color));
+    }
+    put(sum, out.layer("color"));
+    if (out.layer("color").channels() >= 4)
+      put_alpha(in.at(a, kKeys), in.at(b, kKeys), walks_along({}), float(frame - a) / float(b - a), out.layer("color"));
+
+    // What a part of the light lacks counts where it is seen. [Zimmer 2015, Sec. 5.3]
+    constexpr int kSeen = 3;
+    constexpr float kVisible = 0.005f;
+    const Planes level = box_mean(sum, kSeen);
+    Image& mask = out.add(layers::mask(), Image(w, h, 1));
+    for (std::size_t k = 0; k < parts.size(); ++k) {
+      if (!parts[k].add) continue;
+      const Planes own = parts.size() == 1 ? level : box_mean(made[k].color, kSeen);
+      parallel_rows(0, h, [&](int y) {
+        for (int x = 0; x < w; ++x) {
+          if (!made[k].unwanted.at(x, y)) continue;
+          const auto brightness = [&](const Planes& p) { return p.row(0, y)[x] + p.row(1, y)[x] + p.row(2, y)[x]; };
+          if (parts.size() == 1 || brightness(own) >= kVisible * brightness(level)) mask.at(x, y) = 1;
+        }
+      });
+    }
+    return out;
+  }
+
+  static void put(const Planes& from, Image& to) {
+    for (int y = 0; y < to.height(); ++y) {
+      for (int x = 0; x < to.width(); ++x) {
+        for (int c = 0; c < 3; ++c) to.at(x, y, c) = from.row(c, y)[x];
       }
     }
-    out.add(layers::mask(), mask_of(here, before, after, noisy, variance, made, known));
-    return out;
+  }
+  /// Alpha of both keys, as far as they show what is there; else it stays that of the guide.
+  static void put_alpha(const Frame& a, const Frame& b, const Walks& walks, float share, Image& to) {
+    const Image &from_a = a.layer("color"), &from_b = b.layer("color");
+    if (from_a.channels() < 4 || from_b.channels() < 4) return;
+    for (int y = 0; y < to.height(); ++y) {
+      for (int x = 0; x < to.width(); ++x) {
+        const Place &p = walks.before.at(x, y), &q = walks.after.at(x, y);
+        const auto alpha = [&](const Image& image, const Place& place, const Surfaces& s) {
+          return motion::value_at(image, motion::taps_at(s, place), 3);
+        };
+        if (!p.valid() && !q.valid()) continue;
+        const float t = !q.valid() ? 0 : !p.valid() ? 1 : share;
+        float sum = 0;
+        if (p.valid()) sum += (1 - t) * alpha(from_a, p, walks.surfaces.begin()->second);
+        if (q.valid()) sum += t * alpha(from_b, q, walks.surfaces.rbegin()->second);
+        to.at(x, y, 3) = sum;
+      }
+    }
   }
 
   /// Whether a place is the center of a pixel.
@@ -383,8 +449,8 @@ class Interpolate final : public Stage {
 
   /// Which pixels are better rendered: those that neither key shows, edges between what moves in different ways, and
   /// where the light is not what the guide has.
-  static Image mask_of(const Surfaces& here, const Gathered& before, const Gathered& after, const Planes& noisy,
-                       const Planes& variance, const Planes& made, const Planes& known) {
+  static Grid<std::uint8_t> unwanted(const Surfaces& here, const Walks& walks, const Planes& noisy,
+                                     const Planes& variance, const Planes& made, const Planes& known) {
     const int w = here.width(), h = here.height();
     Planes excess(w, h, 4);  // by channel, and the weight
     parallel_rows(0, h, [&](int y) {
@@ -400,6 +466,7 @@ class Interpolate final : public Stage {
     parallel_rows(0, h, [&](int y) {
       for (int x = 0; x < w; ++x) {
         const std::size_t i = here.linear.index(x, y);
+        if (here.vectors[i] == motion::kNothing) continue;  // nothing of this light is here
         bool want = known.row(0, y)[x] == 0;
         const float share = mean.row(3, y)[x], n = share * float((2 * kRadius + 1) * (2 * kRadius + 1));
         if (!want && share > 0) {
@@ -413,17 +480,15 @@ class Interpolate final : public Stage {
           const int nx = x + motion::kAround[k][0], ny = y + motion::kAround[k][1];
           if (nx < 0 || ny < 0 || nx >= w || ny >= h) continue;
           const std::size_t j = here.linear.index(nx, ny);
-          want = !here.same(i, j) && parts(before.places, x, y, nx, ny, after.places);
+          want = !here.same(i, j) && part_ways(walks.before, walks.after, x, y, nx, ny);
         }
         wanted[i] = want;
       }
     });
-    Image mask(w, h, 1);
-    for (std::size_t i = 0; i < wanted.size(); ++i) mask.values()[i] = wanted[i];
-    return mask;
+    return wanted;
   }
   /// Whether two neighbors are not neighbors in a key.
-  static bool parts(const Grid<Place>& before, int x, int y, int nx, int ny, const Grid<Place>& after) {
+  static bool part_ways(const Grid<Place>& before, const Grid<Place>& after, int x, int y, int nx, int ny) {
     for (const Grid<Place>* places : {&before, &after}) {
       const Place &p = places->at(x, y), &q = places->at(nx, ny);
       if (p.valid() != q.valid()) return true;

@@ -220,7 +220,8 @@ Grid<Place> walk(std::span<const Surfaces* const> frames, int step) {
         ok = p.x >= 0 && p.y >= 0 && p.x < float(w) && p.y < float(h);
         if (!ok) break;
         const Taps then = taps_at(there, p);
-        ok = first.id.empty() || there.id.empty() || first.id[start] == there.id[then.main];
+        ok = there.vectors[then.main] != kNothing;
+        if (ok) ok = first.id.empty() || there.id.empty() || first.id[start] == there.id[then.main];
         if (ok && there.vectors[then.main] & back) {
           const Vec3f b = vector_at(there, then, float(-step));
           const float gap = (d.x + b.x) * (d.x + b.x) + (d.y + b.y) * (d.y + b.y);

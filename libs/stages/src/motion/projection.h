@@ -19,7 +19,7 @@ struct Surfaces {
   Grid<Vec3f> linear, quadratic;
   Grid<float> depth;           ///< meters, kFar where nothing is; empty: unknown
   Grid<float> id;              ///< of objects; empty: unknown
-  Grid<std::uint8_t> vectors;  ///< which ones the frame has: kForward, kBackward
+  Grid<std::uint8_t> vectors;  ///< which ones the frame has: kForward, kBackward; kNothing: no surface
   std::int64_t unknown = 0;    ///< pixels without any vector of their object: they stay where they are
   int width() const { return linear.width(); }
   int height() const { return linear.height(); }
@@ -35,7 +35,7 @@ struct Surfaces {
   bool nearer(std::size_t i, std::size_t j) const;
 };
 inline constexpr float kFar = 1e30f;
-inline constexpr std::uint8_t kForward = 1, kBackward = 2;
+inline constexpr std::uint8_t kForward = 1, kBackward = 2, kNothing = 4;
 
 /// Takes motion.forward and motion.backward (one of them at least), depth and object_id of a frame. A vector that is
 /// not valid is the opposite of the one in the other direction, else continued from pixels of the same object: smoothly
