@@ -55,7 +55,7 @@ StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& re
     if (!made.has_mask()) continue;
     SequenceDesc pixels = made;
     pixels.layers = result.layers;
-    add({&fill_entry, {}}, i, {made, pixels});
+    add({&fill_entry, Params(fill_entry.params)}, i, {made, pixels});
   }
 
   // Backwards: `needed` of the step that is looked at, and of the source.

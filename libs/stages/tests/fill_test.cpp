@@ -41,7 +41,7 @@ class FillFiles : public testing::Test {
   StageReport fill(bool resume = false) const {
     StageObserver nobody;
     const std::vector<FrameSequence> in{FrameSequence(pattern("base")), FrameSequence(pattern("pixels"))};
-    return run_stage({&fill_entry, {}}, in, pattern("out"), {.resume = resume}, nobody);
+    return run_stage({&fill_entry, Params(fill_entry.params)}, in, pattern("out"), {.resume = resume}, nobody);
   }
   std::string error() const {
     try {

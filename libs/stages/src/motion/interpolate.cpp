@@ -332,7 +332,10 @@ class Interpolate final : public Stage {
     const Frame& guide = in.at(frame, kGuides);
     const int w = guide.width(), h = guide.height();
     Frame out(w, h);
-    out.metadata = guide.metadata;
+    out.metadata = in.at(a, kKeys).metadata;  // made as the keys are
+    for (const char* own : {"tempera/frame", "tempera/render_seconds"}) {
+      if (const auto it = guide.metadata.find(own); it != guide.metadata.end()) out.metadata[own] = it->second;
+    }
     for (const Layer& l : guide.layers()) {
       const bool written =
           std::any_of(wanted.begin(), wanted.end(), [&](const LayerDesc& d) { return d.name == l.desc.name; });
