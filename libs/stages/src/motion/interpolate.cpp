@@ -323,7 +323,7 @@ class Interpolate final : public Stage {
         }
       }
     });
-    out.unwanted = unwanted(here, walks, noisy, variance, irradiance, known);
+    out.unwanted = unwanted(here, walks, before, after, noisy, variance, irradiance, known);
     return out;
   }
 
@@ -452,43 +452,58 @@ class Interpolate final : public Stage {
 
   /// Which pixels are better rendered: those that neither key shows, edges between what moves in different ways, and
   /// where the light is not what the guide has.
-  static Grid<std::uint8_t> unwanted(const Surfaces& here, const Walks& walks, const Planes& noisy,
-                                     const Planes& variance, const Planes& made, const Planes& known) {
+  static Grid<std::uint8_t> unwanted(const Surfaces& here, const Walks& walks, const Gathered& before,
+                                     const Gathered& after, const Planes& noisy, const Planes& variance,
+                                     const Planes& made, const Planes& known) {
     const int w = here.width(), h = here.height();
-    Planes excess(w, h, 4);  // by channel, and the weight
+    Planes sums(w, h, 5);  // what the guide has more of, by channel; the weight; by how much the keys differ
     parallel_rows(0, h, [&](int y) {
       for (int x = 0; x < w; ++x) {
         if (known.row(0, y)[x] == 0) continue;
-        for (int c = 0; c < 3; ++c) excess.row(c, y)[x] = noisy.row(c, y)[x] - made.row(c, y)[x];
-        excess.row(3, y)[x] = 1;
+        for (int c = 0; c < 3; ++c) sums.row(c, y)[x] = noisy.row(c, y)[x] - made.row(c, y)[x];
+        sums.row(3, y)[x] = 1;
+        if (before.valid.row(0, y)[x] == 0 || after.valid.row(0, y)[x] == 0) continue;
+        for (int c = 0; c < 3; ++c) {
+          sums.row(4, y)[x] += std::abs(after.irradiance.row(c, y)[x] - before.irradiance.row(c, y)[x]) / 3;
+        }
       }
     });
-    const Planes mean = box_mean(excess, kRadius);
-    const Planes level = box_mean(made, kRadius);
-    Grid<std::uint8_t> wanted(w, h);
+    Grid<std::uint8_t> light(w, h);
+    for (const int radius : {kRadius, 2 * kRadius}) {  // what is small and strong, and what is wide and weak
+      const Planes mean = box_mean(sums, radius), level = box_mean(made, radius), noise = box_mean(variance, radius);
+      parallel_rows(0, h, [&](int y) {
+        for (int x = 0; x < w; ++x) {
+          const float share = mean.row(3, y)[x];
+          if (share == 0 || known.row(0, y)[x] == 0) continue;
+          const float n = share * float((2 * radius + 1) * (2 * radius + 1));
+          const float all = (level.row(0, y)[x] + level.row(1, y)[x] + level.row(2, y)[x]) / 3;
+          const bool differ = mean.row(4, y)[x] > kDiffer * share * std::abs(all);
+          const float sigmas = differ ? kSigmasWhereKeysDiffer : kSigmas;
+          for (int c = 0; c < 3; ++c) {
+            const float e = mean.row(c, y)[x] / share, bound = kRelative * (std::abs(level.row(c, y)[x]) + 0.01f);
+            if (e * e > sigmas * sigmas * noise.row(0, y)[x] / n + bound * bound) light.at(x, y) = 1;
+          }
+        }
+      });
+    }
+    Grid<std::uint8_t> out(w, h);
     parallel_rows(0, h, [&](int y) {
       for (int x = 0; x < w; ++x) {
         const std::size_t i = here.linear.index(x, y);
         if (here.vectors[i] == motion::kNothing) continue;  // nothing of this light is here
         bool want = known.row(0, y)[x] == 0;
-        const float share = mean.row(3, y)[x], n = share * float((2 * kRadius + 1) * (2 * kRadius + 1));
-        if (!want && share > 0) {
-          const float noise = variance.row(0, y)[x] / n;
-          for (int c = 0; c < 3 && !want; ++c) {
-            const float e = mean.row(c, y)[x] / share, bound = kRelative * (std::abs(level.row(c, y)[x]) + 0.01f);
-            want = e * e > kSigmas * kSigmas * noise + bound * bound;
-          }
-        }
-        for (int k = 0; k < 8 && !want; ++k) {
-          const int nx = x + motion::kAround[k][0], ny = y + motion::kAround[k][1];
+        int around = 0;
+        for (const auto& o : motion::kAround) {
+          const int nx = x + o[0], ny = y + o[1];
           if (nx < 0 || ny < 0 || nx >= w || ny >= h) continue;
-          const std::size_t j = here.linear.index(nx, ny);
-          want = !here.same(i, j) && part_ways(walks.before, walks.after, x, y, nx, ny);
+          around += light.at(nx, ny);
+          want |= !here.same(i, here.linear.index(nx, ny)) && part_ways(walks.before, walks.after, x, y, nx, ny);
         }
-        wanted[i] = want;
+        // Alone, it is chance; amid others, what they are.
+        out[i] = want || (light[i] ? around >= 2 : around >= 4);
       }
     });
-    return wanted;
+    return out;
   }
   /// Whether two neighbors are not neighbors in a key.
   static bool part_ways(const Grid<Place>& before, const Grid<Place>& after, int x, int y, int nx, int ny) {
@@ -504,6 +519,8 @@ class Interpolate final : public Stage {
 
   static constexpr int kRadius = 2;          ///< of windows in which the guide's noise is averaged
   static constexpr float kSigmas = 3;        ///< of that noise
+  static constexpr float kSigmasWhereKeysDiffer = 1.5f;
+  static constexpr float kDiffer = 0.15f;    ///< of the light: keys that differ by more are no proof of it
   static constexpr float kRelative = 0.05f;  ///< of the light
   int every_;
   std::vector<int> cuts_;
