@@ -20,8 +20,9 @@ enum Port { kFrames, kPixels };
 const std::vector<ParamSpec> kParams = {
     {.name = "smooth",
      .fallback = std::string("auto"),
-     .help = "whether the light of the pixels is freed of noise, with what is around them: yes, no; auto: where the other "
-             "frames were denoised",
+     .help =
+         "whether the light of the pixels is freed of noise, with what is around them: yes, no; auto: where the other "
+         "frames were denoised",
      .choices = {"auto", "yes", "no"}},
 };
 
@@ -45,7 +46,8 @@ void smooth_filled(const Image& mask, const Frame& rendered, Frame& frame) {
   if (!frame.has("color")) return;
   Image& color = frame.layer("color");
   const Layer *half_a = rendered.find("color.a"), *half_b = rendered.find("color.b");
-  if (!half_a || !half_b || color.channels() < 3 || half_a->image.channels() < 3 || half_b->image.channels() < 3) return;
+  if (!half_a || !half_b || color.channels() < 3 || half_a->image.channels() < 3 || half_b->image.channels() < 3)
+    return;
   const int w = color.width(), h = color.height();
   const auto layer = [&](const char* name, float missing) {
     const Layer* l = frame.find(name);

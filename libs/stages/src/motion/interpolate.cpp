@@ -517,8 +517,8 @@ class Interpolate final : public Stage {
     return false;
   }
 
-  static constexpr int kRadius = 2;          ///< of windows in which the guide's noise is averaged
-  static constexpr float kSigmas = 3;        ///< of that noise
+  static constexpr int kRadius = 2;    ///< of windows in which the guide's noise is averaged
+  static constexpr float kSigmas = 3;  ///< of that noise
   static constexpr float kSigmasWhereKeysDiffer = 1.5f;
   static constexpr float kDiffer = 0.15f;    ///< of the light: keys that differ by more are no proof of it
   static constexpr float kRelative = 0.05f;  ///< of the light

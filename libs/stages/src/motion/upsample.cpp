@@ -165,7 +165,8 @@ class Upsample final : public FrameStage {
  private:
   static bool survives(const LayerDesc& d) {
     return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
-           d.role != LayerRole::kReconstruction && d.role != LayerRole::kMask;
+           d.role != LayerRole::kReconstruction && d.role != LayerRole::kMask &&
+           (d.role != LayerRole::kPicture || d.name == layers::color().name);
   }
   static bool small_has(const FrameWindow& in, const LayerDesc& d) { return in.in()[kFrames].has(d); }
 
