@@ -543,6 +543,7 @@ const StageEntry interpolate_entry{
               {{"object_id", "depth"}, "which places show the same"},
               {{"albedo", "emission"}, "light is interpolated, texture taken from the guides"},
               {{"color.a", "color.b"}, "of the guides: their noise"},
+              {{"class.*", "chain.*"}, "light by class of paths, of a decomposition, with vectors of its own"},
               {{"*"}, "of the guides: every layer that the keys have"}},
     .writes =
         {{{"color"}, "light of both keys, with alpha"},

@@ -9,7 +9,7 @@
 #include <map>
 
 #include "denoise/denoiser.h"
-#include "motion/projection.h"
+#include "motion/parts.h"
 #include "tempera/core/parallel.h"
 #include "tempera/stages/stage_run.h"
 
@@ -17,6 +17,7 @@ namespace tempera {
 
 namespace {
 
+using motion::Part;
 using motion::Place;
 using motion::Surfaces;
 using motion::Taps;
@@ -50,6 +51,14 @@ struct Source {
   std::map<std::string, Image> clean;  ///< layers without what covers their edges
   Grid<std::uint8_t> hidden;           ///< of a frame around: 1 for what something nearer hides in the sharp frame
   bool hides = false;                  ///< whether there is such
+};
+
+/// Light that is seen in mirrors or through glass, with the surfaces there.
+struct Seen {
+  Part part;
+  std::map<int, Surfaces> surfaces;  ///< by distance in frames
+  Grid<Place> places;                ///< at the time that is looked at
+  std::vector<double> sum;
 };
 
 /// Sums over the exposure of one layer.
@@ -133,6 +142,10 @@ class MotionBlur final : public Stage {
     for (const LayerDesc& d : output(in).layers) {
       const auto named = [&](const LayerUse& use) { return use.layer.name == d.name; };
       if (blur_of(d) != Blur::kKeep && std::none_of(uses.begin(), uses.end(), named)) uses.push_back({d, false});
+    }
+    for (const LayerDesc& d : motion::chain_layers(in[0].layers)) {
+      const auto named = [&](const LayerUse& use) { return use.layer.name == d.name; };
+      if (std::none_of(uses.begin(), uses.end(), named)) uses.push_back({d, false});
     }
     return uses;
   }
@@ -257,11 +270,30 @@ class MotionBlur final : public Stage {
                      std::vector<int>(blur == Blur::kHits ? pixels : 0)});
     }
 
-    float fastest = 0;
-    for (std::size_t i = 0; i < s.linear.size(); ++i) {
-      const Vec3f d = s.moved(i, float(shutter_) / 2);
-      fastest = std::max(fastest, 2 * std::sqrt(d.x * d.x + d.y * d.y));
+    std::vector<LayerDesc> descs;
+    for (const Layer& l : in.at(frame).layers()) descs.push_back(l.desc);
+    const std::vector<Part> parts = motion::parts_of(descs, out.metadata);
+    std::vector<Seen> seen;
+    for (const Part& part : parts) {
+      if (part.chains.empty() || !out.has(part.color)) continue;
+      std::erase_if(all, [&](const Sums& sums) { return sums.layer->desc.name == part.color; });
+      Seen& made = seen.emplace_back();
+      made.part = part, made.sum.resize(std::size_t(w) * std::size_t(h) * 3);
+      for (const int step : {0, -1, 1}) {
+        if (!source(step) || !source(step)->frame->has(part.color)) continue;
+        made.surfaces.emplace(step, motion::surfaces_of(*source(step)->frame, frame + step, part));
+      }
     }
+
+    float fastest = 0;
+    const auto look_at = [&](const Surfaces& surfaces) {
+      for (std::size_t i = 0; i < surfaces.linear.size(); ++i) {
+        const Vec3f d = surfaces.moved(i, float(shutter_) / 2);
+        fastest = std::max(fastest, 2 * std::sqrt(d.x * d.x + d.y * d.y));
+      }
+    };
+    look_at(s);
+    for (const Seen& part : seen) look_at(part.surfaces.at(0));
     const int times = int(std::clamp(std::ceil(2 * fastest), 16.0f, 64.0f));
     for (int j = 0; j < times; ++j) {
       const float theta = float(shutter_ * ((j + 0.5) / times - 0.5));
@@ -274,6 +306,13 @@ class MotionBlur final : public Stage {
         if (other && (holes || other->hides)) uncover(*other, step, theta - float(step), places);
       }
       if (holes) motion::grow(places);
+      for (Seen& part : seen) {
+        part.places = motion::project(part.surfaces.at(0), theta);
+        for (const int step : {nearer, -nearer}) {  // what comes into the mirror's view
+          const auto other = part.surfaces.find(step);
+          if (other != part.surfaces.end()) add_places(other->second, step, theta - float(step), part.places);
+        }
+      }
       parallel_rows(0, h, [&](int y) {
         for (int x = 0; x < w; ++x) {
           Place p = places.at(x, y);
@@ -282,6 +321,7 @@ class MotionBlur final : public Stage {
           const Taps taps = motion::taps_at(from.surfaces, p);
           const bool raw = p.frame == 0 && own.edges[taps.main] && covered_alike(own, places, x, y, taps.main);
           add(from, taps, raw, std::size_t(y) * std::size_t(w) + std::size_t(x), all);
+          for (Seen& part : seen) add_seen(own, sources, from, p, taps, x, y, part);
           for (auto& [name, matte] : mattes) matte.add(*from.frame, taps.main, x, y);
         }
       });
@@ -295,6 +335,7 @@ class MotionBlur final : public Stage {
       }
     }
     for (auto& [name, matte] : mattes) matte.write(times, out);
+    if (!seen.empty()) add_up(seen, parts, times, out);
     return s.unknown;
   }
 
@@ -310,6 +351,55 @@ class MotionBlur final : public Stage {
       if (places[i].valid() && !(other.hidden[j] && seen[i].depth < places[i].depth)) continue;
       places[i] = seen[i];
       places[i].frame = std::int8_t(step);
+    }
+  }
+
+  /// Adds the light of a part at pixel (x, y): what the vectors of its own surfaces bring there, if they bring it within
+  /// the mirror or the glass that is seen there; else what is at the place `p` of the first surface, at `taps` of `from`.
+  static void add_seen(const Source& own, const std::map<int, Source>& sources, const Source& from, const Place& p,
+                       const Taps& taps, int x, int y, Seen& part) {
+    const Place& q = part.places.at(x, y);
+    const auto object = [](const Source& source, const Place& place) {
+      const Grid<float>& id = source.surfaces.id;
+      return id.empty() ? 0.0f : id.at(int(place.x), int(place.y));
+    };
+    const bool within = q.valid() && object(sources.at(q.frame), q) == object(from, p);
+    const Source& source = within ? sources.at(q.frame) : from;
+    const Layer* layer = source.frame->find(part.part.color);
+    if (!layer || layer->image.channels() < 3) return;
+    const Taps at = within ? motion::taps_at(part.surfaces.at(q.frame), q) : taps;
+    const std::size_t pixel = std::size_t(y) * std::size_t(own.surfaces.width()) + std::size_t(x);
+    for (int c = 0; c < 3; ++c) part.sum[pixel * 3 + std::size_t(c)] += double(motion::value_at(layer->image, at, c));
+  }
+  /// Lets pixels that see nothing see what stands there in another frame, as `uncover`.
+  static void add_places(const Surfaces& other, int step, float theta, Grid<Place>& places) {
+    if (std::all_of(places.begin(), places.end(), [](const Place& p) { return p.valid(); })) return;
+    const Grid<Place> seen = motion::project(other, theta);
+    const std::uint8_t back = step > 0 ? motion::kBackward : motion::kForward;
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      if (places[i].valid() || !seen[i].valid()) continue;
+      if (!(other.vectors.at(int(seen[i].x), int(seen[i].y)) & back)) continue;
+      places[i] = seen[i];
+      places[i].frame = std::int8_t(step);
+    }
+  }
+  /// The layers of such light, and `color` as the sum of all parts.
+  static void add_up(const std::vector<Seen>& seen, const std::vector<Part>& parts, int times, Frame& out) {
+    for (const Seen& part : seen) {
+      Image& image = out.layer(part.part.color);
+      for (std::size_t i = 0; i < part.sum.size(); ++i) {
+        image.values()[i / 3 * std::size_t(image.channels()) + i % 3] = float(part.sum[i] / times);
+      }
+    }
+    Image& color = out.layer("color");
+    for (int y = 0; y < color.height(); ++y) {
+      for (int x = 0; x < color.width(); ++x) {
+        Rgb sum;
+        for (const Part& part : parts) {
+          if (part.add) sum += out.layer(part.color).rgb(x, y);
+        }
+        color.set_rgb(x, y, sum);
+      }
     }
   }
 
@@ -351,6 +441,7 @@ const StageEntry motionblur_entry{
               {{"motion.forward", "motion.backward"}, "one is needed; with both, paths are curved"},
               {{"depth"}, "what is in front of what; without it, what moves more is taken to be"},
               {{"object_id"}, "objects, within which vectors are continued and pixels interpolated"},
+              {{"class.*", "chain.*"}, "light by class of paths, of a decomposition, with vectors of its own"},
               {{"*"}, "of the frames around: the layers that are blurred, for what comes into view"}},
     .writes = {{{"color", "albedo", "emission", "class.*"}, "means over the exposure, with alpha"},
                {{"depth", "normal", "position", "uv"},

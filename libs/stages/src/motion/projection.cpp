@@ -142,6 +142,7 @@ Grid<Place> project(const Surfaces& s, float theta) {
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
       const std::size_t i = s.linear.index(x, y);
+      if (s.vectors[i] == kNothing) continue;
       const Vec3f d = s.moved(i, theta);
       const float cx = float(x) + d.x, cy = float(y) + d.y;  // of the corner
       if (!(cx > -2 && cy > -2 && cx < float(w) + 1 && cy < float(h) + 1)) continue;

@@ -201,10 +201,14 @@ TEST_F(Interpolate, FramesHaveEveryLayerOfTheKeys) {
     const Frame out = read("out", t), truth = more(lit(kMoving, float(t)));
     for (const Layer& l : truth.layers()) {
       ASSERT_TRUE(out.has(l.desc.name)) << l.desc.name;
-      if (l.desc.name != "color" || t % 4 == 0) EXPECT_EQ(out.layer(l.desc.name), l.image) << l.desc.name << t;
+      if (l.desc.name != "color" || t % 4 == 0) {
+        EXPECT_EQ(out.layer(l.desc.name), l.image) << l.desc.name << t;
+      }
     }
     EXPECT_FALSE(out.has("color.a")) << "of another picture";
-    if (t % 4 == 0) EXPECT_EQ(share(out.layer("mask")), 0) << "keys are whole";
+    if (t % 4 == 0) {
+      EXPECT_EQ(share(out.layer("mask")), 0) << "keys are whole";
+    }
   }
 }
 
@@ -227,6 +231,37 @@ TEST_F(Interpolate, BothSidesOfACutAreKeys) {
   const Frame after = read("out", 7);
   EXPECT_LT(error_where(after.layer("color"), lit(second, 7).layer("color"), after.layer("mask"), false), 1e-5);
 }
+
+#ifdef TEMPERA_PATH_SPACE_MOTION
+TEST_F(Interpolate, WhatAMirrorShowsMovesByItself) {
+  const Vec2f velocity{3.3f, 1.2f};
+  const auto error = [&](bool with_vectors) {
+    for (int t = 0; t <= 4; ++t)
+      write(t % 4 == 0 ? "keys" : "guides", t, test::mirror_frame(kWidth, kHeight, float(t), velocity, with_vectors));
+    run("interpolate", {"keys", "guides"}, "out");
+    double sum = 0;
+    for (const int t : {1, 2, 3}) {
+      const Frame out = read("out", t);
+      const Image truth = test::mirror_frame(kWidth, kHeight, float(t), velocity, true).layer("color");
+      EXPECT_EQ(out.layer("color").rgb(3, 20), truth.rgb(3, 20)) << "the wall stands still";
+      EXPECT_EQ(out.layer("color").rgb(30, 20),
+                out.layer("class.direct.color").rgb(30, 20) + out.layer("class.reflection.color").rgb(30, 20));
+      // Within the mirror, where both keys show what it shows.
+      for (int y = 14; y < kHeight - 14; ++y) {
+        for (int x = 24; x < kWidth - 24; ++x) {
+          for (int c = 0; c < 3; ++c) sum += std::pow(double(out.layer("color").at(x, y, c) - truth.at(x, y, c)), 2);
+          if (with_vectors) {
+            EXPECT_EQ(out.layer("mask").at(x, y), 0) << x << "," << y;
+          }
+        }
+      }
+    }
+    return sum;
+  };
+  const double along_wall = error(false);
+  EXPECT_LT(10 * error(true), along_wall);
+}
+#endif
 
 TEST_F(Interpolate, TheSameBitsInAnyDivision) {
   write_all(kMoving, 3);

@@ -203,6 +203,38 @@ TEST_F(MotionBlur, AlphaDepthAndMattesAreThoseOfTheExposure) {
   EXPECT_EQ(out.layer("motion.forward").at(45, 20, 0), 10);
 }
 
+#ifdef TEMPERA_PATH_SPACE_MOTION
+TEST_F(MotionBlur, WhatAMirrorShowsMovesByItself) {
+  const Vec2f velocity{7, 2};
+  Image truth = test::mirror_frame(kWidth, kHeight, 1, velocity, true).layer("color");
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      Rgb sum;
+      for (int j = 0; j < 32; ++j) {
+        const float t = 1 + 0.6f * ((float(j) + 0.5f) / 32 - 0.5f);
+        Rgb c;
+        test::seen(
+            {{.velocity = velocity, .texture = [](float u, float v) { return waves(1.4f * v, 1.2f * u) * 1.5f; }}},
+            float(x) + 0.5f, float(y) + 0.5f, t, c);
+        sum += c;
+      }
+      if (x >= 10 && x < kWidth - 10 && y >= 8 && y < kHeight - 8) truth.set_rgb(x, y, sum / 32.0f);
+    }
+  }
+  const auto error = [&](bool with_vectors) {
+    for (int t = 0; t < 3; ++t) write("in", t, test::mirror_frame(kWidth, kHeight, float(t), velocity, with_vectors));
+    run("motionblur", {"in"}, "out", {{"shutter", "0.6"}}, {1});
+    const Frame out = read("out", 1);
+    EXPECT_EQ(out.layer("color").rgb(3, 20), truth.rgb(3, 20)) << "the wall stands still";
+    Rgb sum = out.layer("class.direct.color").rgb(30, 20) + out.layer("class.reflection.color").rgb(30, 20);
+    EXPECT_EQ(out.layer("color").rgb(30, 20), sum) << "parts add up";
+    return mean_square(out.layer("color"), truth);
+  };
+  const double along_wall = error(false);
+  EXPECT_LT(10 * error(true), along_wall);
+}
+#endif
+
 TEST_F(MotionBlur, TheSameBitsInAnyDivision) {
   for (int t = 0; t < 4; ++t) write("in", t, frame_of(kCrossing, kWidth, kHeight, float(t)));
   with_threads(1, [&] { run("motionblur", {"in"}, "all"); });
