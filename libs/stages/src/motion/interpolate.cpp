@@ -47,11 +47,13 @@ const Image* image_of(const Frame& frame, const std::string& name, int channels,
   return &layer->image;
 }
 
+constexpr float kLargest = 1e14f;  ///< beyond it values count as damaged, as for the denoiser
+
 Planes planes_of(const Image* image, int channels, float missing, int w, int h) {
   if (!image) return {w, h, channels, missing};
   Planes out(*image, channels);
   for (float& v : out.values()) {
-    if (!std::isfinite(v)) v = 0;
+    if (!(std::abs(v) <= kLargest)) v = 0;
   }
   return out;
 }

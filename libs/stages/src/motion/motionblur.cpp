@@ -83,7 +83,7 @@ struct Matte {
       if (!layer || layer->image.channels() != 4) continue;
       const float* v = layer->image.values().data() + pixel * 4;
       for (const int k : {0, 2}) {
-        if (v[k] == 0 || !(v[k + 1] > 0)) continue;
+        if (v[k] == 0 || !std::isfinite(v[k]) || !(v[k + 1] > 0)) continue;
         Coverage& shares = coverage.at(x, y);
         auto it = std::find_if(shares.begin(), shares.end(), [&](const auto& share) { return share.first == v[k]; });
         if (it == shares.end()) it = shares.insert(it, {v[k], 0.0});
@@ -417,6 +417,7 @@ class MotionBlur final : public Stage {
       }
       const float* v = layer->image.values().data() + taps.main * std::size_t(n);
       if (std::all_of(v, v + n, [](float f) { return f == 0; })) continue;
+      if (!std::all_of(v, v + n, [](float f) { return std::isfinite(f); })) continue;
       for (int c = 0; c < n; ++c) sums.sum[pixel * std::size_t(n) + std::size_t(c)] += double(v[c]);
       ++sums.hits[pixel];
     }

@@ -317,7 +317,7 @@ Image without_edges(const Image& image, const Surfaces& s, const Grid<std::uint8
         for (int nx = std::max(0, x - kRadius); nx <= std::min(w - 1, x + kRadius); ++nx) {
           const std::size_t j = edges.index(nx, ny);
           if (edges[j] || !s.same(i, j)) continue;
-          for (int c = 0; c < n; ++c) sum[c] += image.at(nx, ny, c);
+          for (int c = 0; c < n; ++c) sum[c] += finite(image.at(nx, ny, c));
           ++count;
         }
       }

@@ -3,6 +3,7 @@
 // What of a frame is seen at each pixel of a picture of another time, by the motion vectors of the frame: surfaces are
 // moved, the nearest one is found, and its place in the frame worked out backwards, so that there are neither cracks nor
 // seams. Private to the stages that move pictures.
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -70,11 +71,14 @@ struct Taps {
   std::size_t main;  ///< the pixel that the place is in
 };
 Taps taps_at(const Surfaces& surfaces, const Place& place);
-/// The value of channel `c` there.
+/// The value of channel `c` there; what is not finite counts as 0.
 inline float value_at(const Image& image, const Taps& taps, int c) {
   float sum = 0;
   const float* v = image.values().data();
-  for (int k = 0; k < 4; ++k) sum += taps.weight[k] * v[std::size_t(taps.pixel[k]) * image.channels() + c];
+  for (int k = 0; k < 4; ++k) {
+    const float value = v[std::size_t(taps.pixel[k]) * image.channels() + c];
+    sum += std::isfinite(value) ? taps.weight[k] * value : 0;
+  }
   return sum;
 }
 

@@ -292,6 +292,22 @@ TEST_F(Interpolate, AShotPlansItsKeysFromItsEnds) {
   EXPECT_EQ(reads(1, 9), std::vector<int>{});
 }
 
+TEST_F(Interpolate, ValuesThatAreNotFiniteDoNotSpread) {
+  const float bad[] = {NAN, INFINITY, -INFINITY, 1e30f};
+  const auto spoiled = [&](Frame f) {
+    int at = 0;
+    for (const Layer& l : f.layers()) {
+      for (const float v : bad) f.layer(l.desc.name).at(2 + 5 * (at % 10), 3 + 4 * (at / 10), 0) = v, ++at;
+    }
+    return f;
+  };
+  for (const int t : {0, 4}) write("keys", t, spoiled(lit(kMoving, float(t))));
+  for (const int t : {1, 2, 3}) write("guides", t, spoiled(guide_of(kMoving, float(t))));
+  run("interpolate", {"keys", "guides"}, "out");
+  const Frame out = read("out", 2);
+  for (const float v : out.layer("color").values()) ASSERT_TRUE(std::isfinite(v));
+}
+
 TEST_F(Interpolate, SaysWhatIsMissing) {
   write_all(kMoving);
   EXPECT_EQ(error(), "no error");

@@ -261,6 +261,27 @@ TEST_F(MotionBlur, TheMetadataSayHowLongTheShutterIsOpen) {
   EXPECT_NE(notes[0].find("blurred twice"), std::string::npos);
 }
 
+TEST_F(MotionBlur, ValuesThatAreNotFiniteDoNotSpread) {
+  const float bad[] = {NAN, INFINITY, -INFINITY, 1e30f};
+  const Frame out = blurred(kCrossing, "0.5", [&](int, Frame& f) {
+    f.create(layers::crypto(0)), f.create(layers::normal());
+    const std::list<Layer>& all = f.layers();
+    int at = 0;
+    for (const Layer& l : all) {
+      for (const float v : bad) f.layer(l.desc.name).at(3 + 5 * (at % 10), 2 + 3 * (at / 10), 0) = v, ++at;
+    }
+  });
+  for (const char* name : {"color", "normal", "depth", "CryptoObject00"}) {
+    for (const float v : out.layer(name).values()) ASSERT_TRUE(std::isfinite(v)) << name;
+  }
+}
+
+TEST_F(MotionBlur, OnePixelIsAPicture) {
+  write("in", 0, frame_of(kCrossing, 1, 1, 0));
+  run("motionblur", {"in"}, "out");
+  EXPECT_EQ(read("out", 0).layer("color"), picture(kCrossing, 1, 1, 0));
+}
+
 TEST_F(MotionBlur, SaysWhatIsMissing) {
   const auto error = [&] {
     try {
