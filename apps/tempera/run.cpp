@@ -29,6 +29,7 @@ double now() { return std::chrono::duration<double>(std::chrono::steady_clock::n
 /// The steps of a plan in their order.
 std::vector<JobStep> steps_of(const RunPlan& plan) {
   std::vector<JobStep> steps{{.name = "render"}};
+  if (plan.guides) steps.push_back({.name = "guides"});
   for (const RunStage& s : plan.stages) {
     if (s.pixels) steps.push_back({.name = "pixels"});
     steps.push_back({.name = s.choice.entry->name});
@@ -70,6 +71,7 @@ void tell_halo(const RunPlan& plan, const std::vector<int>& asked) {
 /// Refuses before rendering what could not be written after it. Errors: Error{kFailed}.
 void check_writable(const RunPlan& plan) {
   std::vector<std::string> paths{frame_path(plan.output, plan.frames.front()), plan.video_path};
+  if (plan.guides) paths.push_back(frame_path(plan.guides->output, plan.guides->frames.front()));
   for (const RunStage& s : plan.stages) {
     if (s.pixels) paths.push_back(frame_path(s.pixels->output, s.frames.front()));
     paths.push_back(frame_path(s.output, s.frames.front()));
@@ -119,6 +121,15 @@ class Job {
 class WatchStages final : public RunObserver {
  public:
   explicit WatchStages(Job& job) : job_(job) {}
+  std::unique_ptr<RenderObserver> begin_guides(const Shot& guides) override {
+    job_.begin();
+    log_frames(guides.frames, guides.output);
+    return make_progress(job_.kind(), job_.step());
+  }
+  void end_guides(const Shot& guides, const RenderReport& report) override {
+    log_render(report);
+    job_.end(guides.output);
+  }
   std::unique_ptr<RenderObserver> begin_pixels(const RunStage& of) override {
     job_.begin();
     log_frames(of.pixels->frames, of.pixels->output);
@@ -154,6 +165,7 @@ void run_shot(Program& program, RunFlags& flags) {
         options.reuse = plan.neighbors;
         if (!flags.render.replay.empty()) return;
         check_writable(plan);
+        if (plan.guides) check_memory(*plan.guides, to_render.scene, flags.render.shot.memory_limit());
         for (const RunStage& s : plan.stages) {
           if (s.pixels) check_memory(*s.pixels, to_render.scene, flags.render.shot.memory_limit());
         }
@@ -164,8 +176,9 @@ void run_shot(Program& program, RunFlags& flags) {
       });
   if (!flags.render.replay.empty()) return;
   job.end(plan.render.output);
-  if (std::none_of(plan.stages.begin(), plan.stages.end(), [](const RunStage& s) { return s.pixels.has_value(); }))
-    loaded.scene = {};  // stages see none
+  const bool pixels =
+      std::any_of(plan.stages.begin(), plan.stages.end(), [](const RunStage& s) { return s.pixels.has_value(); });
+  if (!pixels && !plan.guides) loaded.scene = {};  // stages see none
 
   with_threads(flags.render.shot.threads(), [&] {
     WatchStages watch(job);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <deque>
 #include <filesystem>
+#include <set>
 
 #include "catalog.h"
 #include "program.h"
@@ -53,11 +54,16 @@ void run_stage_command(Program& program, Flags& flags) {
     std::vector<FrameSequence> in;
     for (const std::string& name : flags.in) in.emplace_back(name);
     const std::vector<int>& asked = options.sections[0].frames;
-    const std::size_t count = asked.empty() ? in[0].frames().size() : asked.size();
+    std::set<int> frames(asked.begin(), asked.end());
+    for (const FrameSequence& port : in) {
+      if (asked.empty() && (&port == &in[0] || choice.entry->takes_keys))
+        frames.insert(port.frames().begin(), port.frames().end());
+    }
+    const std::vector<int> made(frames.begin(), frames.end());
     const std::string name = std::filesystem::path(in[0].pattern()).filename().string();
     try {
-      const std::string output = output_pattern(flags.out, name, count == 1);
-      log_frames(asked.empty() ? in[0].frames() : asked, output);
+      const std::string output = output_pattern(flags.out, name, made.size() == 1);
+      log_frames(made, output);
       log_stage(*choice.entry, run_stage(choice, in, output, options, *make_stage_progress(kind), program.stop));
     } catch (const Error& e) {
       if (e.code() != ErrorCode::kUsage || !e.loc().file.empty()) throw;

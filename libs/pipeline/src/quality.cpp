@@ -6,7 +6,9 @@
 namespace tempera {
 
 const Quality* quality_of(const ShotConfig& config) {
-  static const std::array<Quality, 2> known = {{{"draft", 8}, {"final", 64}}};
+  static const std::array<Quality, 3> known = {{{"draft", 8, {kDenoiser}},
+                                                {"final", 64, {kDenoiser}},
+                                                {"fast", 64, {kDenoiser, "upsample", "interpolate", "motionblur"}}}};
   for (const Quality& q : known) {
     if (q.name == config.get_string("quality")) return &q;
   }

@@ -2,6 +2,7 @@
 #pragma once
 // What `quality` of a shot stands for. It says nothing where the shot or the command line do.
 #include <string>
+#include <vector>
 
 #include "tempera/pipeline/shot_config.h"
 
@@ -9,16 +10,19 @@ namespace tempera {
 
 struct Quality {
   std::string name;
-  int spp;  ///< samples per pixel, where none are given
+  int spp;                          ///< samples per pixel, where none are given
+  std::vector<std::string> stages;  ///< after all others
 };
+
+/// Samples per pixel of guides that see features alone.
+constexpr int kGuideFeatureSamples = 16;
 
 /// Samples per pixel up to which files cost as much as rendering.
 constexpr int kFewSamples = 16;
 
 /// That of a shot; null: it is as the shot says.
 const Quality* quality_of(const ShotConfig& config);
-/// The stage that it puts after all others.
-constexpr const char* kQualityStage = "denoise";
+constexpr const char* kDenoiser = "denoise";  ///< the stage
 /// Where the stages were named: the key `stages` or its element `i`, or the quality, which names one.
 inline SourceLoc stages_loc(const ShotConfig& config) {
   return config.loc(config.find("stages") ? "stages" : "quality");

@@ -105,6 +105,11 @@ void plan_places(const ShotConfig& config, const Shot& shot, std::span<const Sta
   const std::string name = rendered.filename().string();
   if (plan.render.frames.size() > 1) plan.render.output = numbered_pattern(plan.render.output);
   std::vector<std::string> places{plan.render.output};
+  if (plan.guides) {
+    plan.guides->output = (rendered.parent_path() / "guides" / name).string();
+    if (plan.guides->frames.size() > 1) plan.guides->output = numbered_pattern(plan.guides->output);
+    places.push_back(plan.guides->output);
+  }
   for (std::size_t i = 0; i < plan.stages.size(); ++i) {
     RunStage& stage = plan.stages[i];
     const ShotStage& asked = shot.stages[steps[i].asked];
@@ -133,6 +138,32 @@ void plan_places(const ShotConfig& config, const Shot& shot, std::span<const Sta
     }
   }
   plan.output = plan.stages.back().output;
+}
+
+/// The size of the frames that are rendered, where stages make them larger. Errors: Error{kUnsupported} for a crop window.
+void set_size(const SequenceDesc& source, const Shot& shot, RenderSettings& s) {
+  const int width = s.crop_width > 0 ? s.crop_width : s.width;
+  if (source.width == width) return;
+  if (s.crop_width > 0) {
+    std::string who;
+    for (const ShotStage& stage : shot.stages) {
+      if (stage.choice.entry->enlarges > 1) who = stage.choice.entry->name;
+    }
+    throw Error(ErrorCode::kUnsupported, fmt::format("the stage {} makes whole pictures larger, no crop windows", who));
+  }
+  s.width = source.width, s.height = source.height;
+}
+
+/// What renders guides: the shot with few samples, and more of those that see features alone where the integrator can.
+Shot guide_shot(const Shot& shot, const std::set<int>& frames, const WriteOptions& write) {
+  Shot guides = shot;
+  guides.frames.assign(frames.begin(), frames.end());
+  guides.write = write;
+  guides.settings.spp = std::min(shot.settings.spp, shot.guide_spp);
+  constexpr const char* kFeatures = "feature_samples";
+  if (guides.params.has(kFeatures))
+    guides.params.set(kFeatures, std::max(guides.params.get_int(kFeatures), kGuideFeatureSamples));
+  return guides;
 }
 
 /// What renders pixels for `step`, which fills them in: the shot, at the size of the step's frames. Errors:
@@ -201,15 +232,17 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
   if (plan.render.write.compression == Compression::kDwaa) plan.render.write.compression = Compression::kZip;
 
   const std::vector<StageSection> sections = sections_of(shot.frames, source.sequence, shot.halo);
-  std::set<int> rendered;
+  std::set<int> rendered, guides;
   std::vector<StageStep> steps;
   try {
     for (const StageSection& section : sections) {
       source.reach = *section.reach;
       const StagePlan chained = plan_stages(chain, source, section.frames);
       rendered.insert(chained.source.begin(), chained.source.end());
+      guides.insert(chained.guides.begin(), chained.guides.end());
       if (steps.empty()) {
         steps = chained.steps;
+        set_size(chained.source_desc, shot, plan.render.settings);
         for (const StageStep& step : steps) plan.stages.push_back({step.choice, "", {}, {}, between, {}, {}});
       }
       for (std::size_t i = 0; i < steps.size(); ++i) {
@@ -250,6 +283,7 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
   for (const int f : plan.render.frames) {
     if (std::find(shot.frames.begin(), shot.frames.end(), f) == shot.frames.end()) plan.neighbors.push_back(f);
   }
+  if (!guides.empty()) plan.guides = guide_shot(shot, guides, between);
   plan_places(config, shot, steps, plan);
   return layers;
 }
@@ -296,7 +330,11 @@ RunPlan plan_run(const ShotConfig& config, const Shot& shot, bool video) {
 
 std::vector<FrameSequence> stage_input(const RunPlan& plan, std::size_t step) {
   const FrameSequence rendered(plan.render.output, plan.render.frames);
-  std::vector<FrameSequence> in(plan.stages[step].choice.entry->ports.size(), rendered);
+  const std::vector<StagePort>& ports = plan.stages[step].choice.entry->ports;
+  std::vector<FrameSequence> in(ports.size(), rendered);
+  for (std::size_t port = 1; port < ports.size(); ++port) {
+    if (ports[port].guides) in[port] = FrameSequence(plan.guides->output, plan.guides->frames);
+  }
   if (step > 0) in[0] = FrameSequence(plan.stages[step - 1].output, plan.stages[step - 1].frames);
   if (const auto& pixels = plan.stages[step].pixels) in[1] = FrameSequence(pixels->output, pixels->frames);
   return in;
@@ -304,17 +342,26 @@ std::vector<FrameSequence> stage_input(const RunPlan& plan, std::size_t step) {
 
 void run_stages(const RunPlan& plan, const Scene& scene, const RenderOptions& options, RunObserver& observer,
                 const std::stop_token& stop) {
+  const auto reuse = [&](const std::vector<int>& frames) {  // those that were not asked for
+    RenderOptions out = options;
+    out.reuse.clear();
+    for (const int f : frames) {
+      if (std::find(plan.frames.begin(), plan.frames.end(), f) == plan.frames.end()) out.reuse.push_back(f);
+    }
+    return out;
+  };
+  if (plan.guides) {
+    const std::unique_ptr<RenderObserver> watching = observer.begin_guides(*plan.guides);
+    RenderObserver* const observers[] = {watching.get()};
+    observer.end_guides(*plan.guides,
+                        render_sequence(*plan.guides, scene, reuse(plan.guides->frames), observers, stop));
+  }
   for (std::size_t i = 0; i < plan.stages.size(); ++i) {
     const RunStage& stage = plan.stages[i];
     if (stage.pixels) {
-      RenderOptions of_pixels = options;
-      of_pixels.reuse.clear();
-      for (const int f : stage.frames) {
-        if (std::find(plan.frames.begin(), plan.frames.end(), f) == plan.frames.end()) of_pixels.reuse.push_back(f);
-      }
       const std::unique_ptr<RenderObserver> watching = observer.begin_pixels(stage);
       RenderObserver* const observers[] = {watching.get()};
-      observer.end_pixels(stage, render_sequence(*stage.pixels, scene, of_pixels, observers, stop));
+      observer.end_pixels(stage, render_sequence(*stage.pixels, scene, reuse(stage.frames), observers, stop));
     }
     const StageOptions of_stage{.sections = stage.sections,
                                 .resume = options.resume,

@@ -222,14 +222,21 @@ void settle_frames(const ShotConfig& config, const Scene& scene, Shot& shot) {
   shot.is_part = std::any_of(whole.begin(), whole.end(), [&](int f) { return !chosen.contains(f); });
 }
 
+/// Frames for which motion blur can be added.
+constexpr double kLongestShutter = 2;
+
 /// The parameters of a stage, from its table. Errors: where one is given that is at fault.
-Params stage_params(const ShotConfig& config, const StageEntry& entry) {
+Params stage_params(const ShotConfig& config, const StageEntry& entry, const Shot& shot) {
   Params params(entry.params);
   const auto key = [&](const std::string& param) { return entry.name + "." + param; };
+  const Shutter& shutter = shot.settings.clock.shutter;
+  if (entry.takes_cuts) params.set("cuts", fmt::format("{}", fmt::join(shot.settings.cuts, ",")));
+  if (entry.opens_shutter && shutter.close > shutter.open && shutter.close - shutter.open <= kLongestShutter)
+    params.set("shutter", shutter.close - shutter.open);
   for (const ParamSpec& s : entry.params) {
     if (const ShotValue* v = config.find(key(s.name))) params.set(s.name, v->value, v->loc);
   }
-  if (entry.name == kQualityStage && quality_of(config) && !config.find(key("method"))) params.set("method", "auto");
+  if (entry.name == kDenoiser && quality_of(config) && !config.find(key("method"))) params.set("method", "auto");
   try {
     entry.make(params);
   } catch (const StageParamError& e) {  // of several together
@@ -243,7 +250,7 @@ Params stage_params(const ShotConfig& config, const StageEntry& entry) {
 /// `layers`: of the rendered frames.
 void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, Shot& shot) {
   std::map<std::string, Params> params;  // tables of stages that the shot leaves out are checked, too
-  for (const StageEntry* e : stage_catalog()) params[e->name] = stage_params(config, *e);
+  for (const StageEntry* e : stage_catalog()) params[e->name] = stage_params(config, *e, shot);
   const auto add = [&](const StageEntry& e) {
     shot.stages.push_back({{&e, params.at(e.name)}, config.get_string(e.name + ".path")});
   };
@@ -252,7 +259,9 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
     for (const StageEntry* e : stage_catalog()) {
       if (e->follows && e->follows(layers)) add(*e);
     }
-    if (quality_of(config)) add(find_stage(kQualityStage));
+    if (const Quality* quality = quality_of(config)) {
+      for (const std::string& name : quality->stages) add(find_stage(name));
+    }
     return;
   }
   std::string_view text = config.get_string("stages");
@@ -274,14 +283,59 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
   }
 }
 
+/// What stages need of each other, and of how frames are rendered for them. Errors: Error{kUnsupported | kBadInput} where
+/// the shot asks for what they cannot do.
+void settle_stage_needs(const ShotConfig& config, Shot& shot) {
+  // Frames around a key are not rendered at all: it is denoised alone.
+  bool keys = false;
+  for (std::size_t i = shot.stages.size(); i-- > 0;) {
+    StageChoice& choice = shot.stages[i].choice;
+    if (keys && choice.entry->name == kDenoiser && !config.find("denoise.radius")) choice.params.set("radius", 0);
+    keys |= choice.entry->takes_keys;
+  }
+  Shutter& shutter = shot.settings.clock.shutter;
+  const StageEntry *sharp = nullptr, *opens = nullptr;
+  for (const ShotStage& s : shot.stages) {
+    if (s.choice.entry->sharp) sharp = s.choice.entry;
+    if (s.choice.entry->opens_shutter) opens = s.choice.entry;
+  }
+  if (keys && !shot.settings.seed_per_frame) {
+    throw Error(ErrorCode::kBadInput, config.loc("sampling.seed_per_frame"),
+                "seed_per_frame = false gives all frames the same noise, which frames in between would take for light");
+  }
+  if (!sharp || shutter.close == shutter.open) return;
+  const auto where = [&](const char* key) { return config.find(key) ? config.loc(key) : stages_loc(config); };
+  if (!opens) {
+    throw Error(ErrorCode::kBadInput, where("shutter.close"),
+                fmt::format("the stage {} needs sharp frames: close the shutter (shutter.close = {}), or add the stage "
+                            "motionblur, which opens it again",
+                            sharp->name, shutter.open));
+  }
+  if (shutter.shape != ShutterShape::kBox || shutter.rolling != 0) {
+    throw Error(ErrorCode::kUnsupported, where(shutter.rolling != 0 ? "shutter.rolling" : "shutter.shape"),
+                fmt::format("the stage {} opens the shutter for all lines at once, and fully: it knows no shape or "
+                            "rolling shutter",
+                            opens->name));
+  }
+  if (shutter.close - shutter.open > kLongestShutter) {
+    throw Error(ErrorCode::kUnsupported, where("shutter.close"),
+                fmt::format("the stage {} opens the shutter for {} frames at most, not for {}", opens->name,
+                            kLongestShutter, shutter.close - shutter.open));
+  }
+  shutter.open = shutter.close = (shutter.open + shutter.close) / 2;
+}
+
 /// Asks the integrator for what a stage that the shot names can make use of, as far as it writes that.
 void add_layers_for(const StageChoice& stage, Shot& shot, std::vector<LayerDesc>& layers) {
   const RenderSettings& s = shot.settings;
   SequenceDesc rendered{shot.sequence, shot.sequence, {}, s.x1() - s.x0(), s.y1() - s.y0(), layers};
   std::set<std::string> tried;
   const auto next = [&]() -> std::optional<LayerDesc> {  // what it can use may depend on what there is
-    for (const LayerUse& use : stage.entry->make(stage.params)->reads(0, std::span(&rendered, 1))) {
-      if (!rendered.has(use.layer) && tried.insert(use.layer.name).second) return use.layer;
+    const std::vector<SequenceDesc> in(stage.entry->ports.size(), rendered);
+    for (int port = 0; port < std::ssize(in); ++port) {
+      for (const LayerUse& use : stage.entry->make(stage.params)->reads(port, in)) {
+        if (!rendered.has(use.layer) && tried.insert(use.layer.name).second) return use.layer;
+      }
     }
     return std::nullopt;
   };
@@ -685,6 +739,8 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
     throw Error(e.code(), config.loc(config.find(e.key()) ? e.key() : "integrator.name"), e.message());
   }
   settle_stages(config, layers, shot);
+  shot.guide_spp = config.get_int("guides.spp");
+  settle_stage_needs(config, shot);
   if (config.find("stages") || quality) {
     for (const ShotStage& stage : shot.stages) add_layers_for(stage.choice, shot, layers);
   }

@@ -33,10 +33,12 @@ std::vector<ShotKey> own_keys() {
       {{"motion_segments", "auto", "segments of a frame between which motion is interpolated, 1 to 1024; auto: as many as the motion needs, one number for the whole shot"}, "", "N", "", true},
       {{"cuts", "", "first frames after cuts: motion ends there, and nothing looks across; jumps of the camera are found without it"}, "", "FRAMES", "", true},
 
-      {{"quality", "as_told", "draft, final: clean frames, from 8 or 64 samples a pixel and by the stage denoise; see docs/denoising.md. What the "
-        "shot or the command line say themselves stays", -kMany, kMany, {"as_told", "draft", "final"}}, "--quality", "NAME"},
+      {{"quality", "as_told", "draft, final: clean frames, from 8 or 64 samples a pixel and by the stage denoise; see docs/denoising.md. fast: the same of every "
+        "fourth frame at half the width and height; the rest and motion blur are made of these; see docs/motion-stages.md. What the "
+        "shot or the command line say themselves stays", -kMany, kMany, {"as_told", "draft", "final", "fast"}}, "--quality", "NAME"},
       {{"stages", "", "what follows the render, in this order; `tempera list stages` names them, and each has a table; []: nothing. The integrator is "
        "asked for the layers that those named here can use; the result holds those of output.layers"}, "", "A,B", "", true},
+      {{"guides.spp", 8, "samples per pixel of guides: frames that the stages interpolate and upsample take what is seen from", 1, 1e6}, "", "N"},
       {{"halo", -1, "frames at most that are made around those asked for, on either side, where stages look at several; beyond them the shot is "
         "taken to end; -1: as many as the stages look at", -1, 1e9}, "", "N"},
 
@@ -128,7 +130,7 @@ std::vector<ShotKey> all_keys() {
     if (e->follows) automatic += fmt::format("{}{} after {}", automatic.empty() ? "" : ", ", e->name, e->follows_help);
   }
   for (ShotKey& k : all) {
-    if (k.spec.name == "stages") k.fallback_help = automatic + "; denoise with a quality";
+    if (k.spec.name == "stages") k.fallback_help = automatic + "; those of a quality";
   }
   return all;
 }

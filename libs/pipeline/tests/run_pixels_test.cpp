@@ -6,6 +6,7 @@
 
 #include <atomic>
 #include <filesystem>
+#include <set>
 
 #include "tempera/core/log.h"
 #include "tempera/core/parallel.h"
@@ -251,6 +252,42 @@ TEST_F(RunPixels, WhatCannotBeIsSaidBeforeRendering) {
   EXPECT_EQ(named.loc().line, 3);
   EXPECT_NE(named.message().find("fill is not named"), std::string::npos) << named.what();
   EXPECT_FALSE(fs::exists(folder_));
+}
+
+// The whole of quality fast: keys at half the size, guides, pixels rendered twice, motion blur.
+TEST_F(RunPixels, FastGivesTheSameBitsInParts) {
+  const std::string fast =
+      "quality = \"fast\"\n[film]\nresolution = \"48x32\"\n[guides]\nspp = 2\n[denoise]\nmethod = \"nl_means\"\n";
+  const auto of = [&](const std::string& folder, const std::vector<int>& part) {
+    Settled s = settle(folder, nullptr, fast);
+    s.loaded.shot.sequence = {1, 6};
+    s.loaded.shot.frames = part;
+    s.loaded.shot.output = frames(folder);
+    return s;
+  };
+  Watch watch;
+  const RunPlan whole = run(of("whole", {1, 2, 3, 4, 5, 6}), watch);
+  EXPECT_EQ(whole.render.frames, (std::vector<int>{1, 5, 6}));
+  EXPECT_EQ(whole.frames.size(), 6u);
+  EXPECT_GT(watch.samples, 0u) << "edges of what moves are rendered";
+  for (const int f : {3, 6, 2}) run(of("parts", {f}));
+  const RunPlan again = of("parts", {2, 3, 6}).plan();
+  expect_same(whole.output, again.output, {2, 3, 6});
+
+  const Frame key = read_frame(frame_path(whole.output, 1)), between = read_frame(frame_path(whole.output, 3));
+  const auto names = [](const Frame& f) {
+    const std::vector<std::string> all = f.layer_names();
+    return std::set<std::string>(all.begin(), all.end());
+  };
+  EXPECT_EQ(names(key), names(between));
+  EXPECT_EQ(between.width(), 48);
+  for (const char* layer : {"color", "albedo", "motion.forward", "CryptoObject00"})
+    EXPECT_TRUE(between.has(layer)) << layer;
+  EXPECT_FALSE(between.has("mask") || between.has("depth")) << "the result has what was asked for";
+  const auto info = render_info(between.metadata);
+  ASSERT_TRUE(info);
+  EXPECT_EQ(info->frame, 3);
+  EXPECT_NEAR(info->shutter_close - info->shutter_open, 0.5, 1e-6);
 }
 
 }  // namespace

@@ -206,5 +206,65 @@ TEST(RunPlan, ErrorsNameTheirPlace) {
             "gradient_path or the integrator temporal_gradient_path would write it");
 }
 
+TEST(RunPlan, FastRendersEveryFourthFrameSharpAndHalfAsLarge) {
+  const std::string fast = "quality = \"fast\"\ncuts = [20]\n[film]\nresolution = \"64x36\"\n[shutter]\nclose = 0.6\n";
+  const RunPlan p = plan(fast, {"frames=10-11,18-21"});
+  EXPECT_EQ(p.render.frames, (std::vector<int>{9, 13, 17, 19, 20, 21, 25})) << "both sides of the cut";
+  EXPECT_EQ(p.render.settings.width, 32);
+  EXPECT_EQ(p.render.settings.height, 18);
+  EXPECT_EQ(p.render.settings.spp, 64);
+  EXPECT_DOUBLE_EQ(p.render.settings.clock.shutter.open, 0.3);
+  EXPECT_DOUBLE_EQ(p.render.settings.clock.shutter.close, 0.3);
+  ASSERT_TRUE(p.guides);
+  EXPECT_EQ(p.guides->frames, (std::vector<int>{9, 10, 11, 12, 13, 17, 18, 19, 20, 21, 22, 23, 24, 25}))
+      << "the frame after 21 shows what comes into view";
+  EXPECT_EQ(p.guides->settings.width, 64);
+  EXPECT_EQ(p.guides->settings.spp, 8);
+  EXPECT_EQ(p.guides->output, "out/dance/guides/dance.####.exr");
+  EXPECT_EQ(p.frames, (std::vector<int>{10, 11, 18, 19, 20, 21}));
+  std::vector<std::string> names;
+  for (const RunStage& s : p.stages) names.push_back(s.choice.entry->name);
+  EXPECT_EQ(names, (std::vector<std::string>{"denoise", "upsample", "fill", "interpolate", "fill", "motionblur"}));
+  EXPECT_EQ(p.stages[0].choice.params.get_int("radius"), 0) << "frames around keys are not rendered";
+  EXPECT_EQ(p.stages[3].choice.params.get_string("cuts"), "20");
+  EXPECT_DOUBLE_EQ(p.stages[5].choice.params.get_double("shutter"), 0.6);
+  EXPECT_EQ(p.stages[2].pixels->settings.width, 64);
+  EXPECT_EQ(p.stages[2].pixels->settings.spp, 64);
+
+  const RunPlan own =
+      plan(fast + "[interpolate]\nevery = 6\n[motionblur]\nshutter = 1\n[guides]\nspp = 3\n", {"frames=10"});
+  EXPECT_EQ(own.render.frames, (std::vector<int>{7, 13}));
+  EXPECT_EQ(own.guides->settings.spp, 3);
+  EXPECT_DOUBLE_EQ(own.stages[5].choice.params.get_double("shutter"), 1);
+}
+
+TEST(RunPlan, WhatCannotBeMadeOfFewFramesIsRefused) {
+  const auto error_of = [](const std::string& toml) {
+    try {
+      plan(toml);
+    } catch (const Error& e) {
+      return e;
+    }
+    return Error(ErrorCode::kFailed, "nothing was thrown");
+  };
+  const auto says = [&](const std::string& toml, int line, const std::string& part) {
+    const Error e = error_of(toml);
+    EXPECT_EQ(e.loc().line, line) << e.what();
+    EXPECT_NE(e.message().find(part), std::string::npos) << e.what();
+  };
+  const std::string fast = "quality = \"fast\"\n", even = "[film]\nresolution = \"64x36\"\n";
+  says(fast + "[film]\nresolution = \"64x35\"\n", 3, "64x35 is not divisible by 2");
+  says(fast + "[film]\nresolution = \"64x36\"\ncrop = \"0,0,32,32\"\n", 3, "no crop windows");
+  says(fast + even + "[shutter]\nrolling = 0.5\n", 7, "no shape or rolling shutter");
+  says(fast + even + "[shutter]\nshape = \"trapezoid\"\n", 7, "no shape or rolling shutter");
+  says(fast + even + "[shutter]\nclose = 3\n", 7, "2 frames at most");
+  says(fast + even + "[sampling]\nseed_per_frame = false\n", 7, "the same noise");
+  says(fast + even + "[integrator]\nname = \"gradient_path\"\n", 3, "renders whole pictures alone");
+  says("stages = [\"interpolate\"]\n", 3, "close the shutter (shutter.close = 0), or add the stage motionblur");
+  EXPECT_NO_THROW(plan("stages = [\"interpolate\"]\n[shutter]\nclose = 0\n"));
+  says("stages = [\"interpolate\"]\n[interpolate]\nevery = 0\n[shutter]\nclose = 0\n", 3, "every = 0");
+  EXPECT_NO_THROW(plan("stages = [\"motionblur\"]\n")) << "the shutter is closed for it, and opened again";
+}
+
 }  // namespace
 }  // namespace tempera

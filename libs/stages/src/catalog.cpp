@@ -9,12 +9,20 @@ namespace tempera {
 extern const StageEntry reconstruct_entry;
 extern const StageEntry fill_entry;
 extern const StageEntry denoise_entry;
+extern const StageEntry upsample_entry;
+extern const StageEntry interpolate_entry;
+extern const StageEntry motionblur_entry;
 
 std::span<const StageEntry* const> stage_catalog() {
   static const StageEntry* const entries[] = {
+      // clang-format off
       &reconstruct_entry,
       &fill_entry,
       &denoise_entry,
+      &upsample_entry,
+      &interpolate_entry,
+      &motionblur_entry,
+      // clang-format on
   };
   return entries;
 }

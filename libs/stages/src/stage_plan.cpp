@@ -26,8 +26,19 @@ StageStep make_step(const StageChoice& choice, const Stage& stage, std::size_t a
 
 bool StageStep::fills() const { return choice.entry == &fill_entry; }
 
-StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& source, std::span<const int> wanted) {
+StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& result, std::span<const int> wanted) {
   StagePlan plan;
+  SequenceDesc& source = plan.source_desc;
+  source = result;
+  for (const StageChoice& choice : chain) {
+    const int factor = choice.entry->enlarges;
+    if (source.width % factor != 0 || source.height % factor != 0) {
+      throw Error(ErrorCode::kBadInput,
+                  fmt::format("the stage {} makes frames {} times as large, but {}x{} is not divisible by {}",
+                              choice.entry->name, factor, result.width, result.height, factor));
+    }
+    source.width /= factor, source.height /= factor;
+  }
   std::vector<std::unique_ptr<Stage>> stages;
   const auto add = [&](const StageChoice& choice, std::size_t asked, std::vector<SequenceDesc> in) {
     stages.push_back(choice.make());
@@ -35,18 +46,21 @@ StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& so
   };
   for (std::size_t i = 0; i < chain.size(); ++i) {
     std::vector<SequenceDesc> in(chain[i].entry->ports.size(), source);
+    for (std::size_t port = 1; port < in.size(); ++port) {
+      if (chain[i].entry->ports[port].guides) in[port] = result;
+    }
     if (i > 0) in[0] = plan.steps.back().out;
     add(chain[i], i, std::move(in));
     const SequenceDesc made = plan.steps.back().out;
     if (!made.has_mask()) continue;
     SequenceDesc pixels = made;
-    pixels.layers = source.layers;
-    add({&fill_entry, {}}, i, {made, pixels});
+    pixels.layers = result.layers;
+    add({&fill_entry, Params(fill_entry.params)}, i, {made, pixels});
   }
 
   // Backwards: `needed` of the step that is looked at, and of the source.
   const SequenceDesc& last = chain.empty() ? source : plan.steps.back().out;
-  std::set<int> needed, of_source;
+  std::set<int> needed, of_source, of_guides;
   for (const int f : wanted) {
     if (last.has(f)) needed.insert(f);
   }
@@ -56,7 +70,7 @@ StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& so
     if (step.fills()) continue;  // it takes each frame from the one of this number
     needed.clear();
     for (int port = 0; port < std::ssize(step.in); ++port) {
-      std::set<int>& into = port == 0 ? needed : of_source;
+      std::set<int>& into = port == 0 ? needed : step.choice.entry->ports[port].guides ? of_guides : of_source;
       for (const int f : step.frames) {
         const std::vector<int> inputs = stages[i]->inputs(port, f, step.in);
         for (const int g : inputs) {
@@ -73,6 +87,7 @@ StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& so
   }
   of_source.insert(needed.begin(), needed.end());
   plan.source.assign(of_source.begin(), of_source.end());
+  plan.guides.assign(of_guides.begin(), of_guides.end());
   return plan;
 }
 

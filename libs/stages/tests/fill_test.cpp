@@ -7,6 +7,7 @@
 
 #include <filesystem>
 
+#include "tempera/core/random.h"
 #include "tempera/stages/stage_plan.h"
 #include "tempera/stages/stage_run.h"
 
@@ -41,7 +42,7 @@ class FillFiles : public testing::Test {
   StageReport fill(bool resume = false) const {
     StageObserver nobody;
     const std::vector<FrameSequence> in{FrameSequence(pattern("base")), FrameSequence(pattern("pixels"))};
-    return run_stage({&fill_entry, {}}, in, pattern("out"), {.resume = resume}, nobody);
+    return run_stage({&fill_entry, Params(fill_entry.params)}, in, pattern("out"), {.resume = resume}, nobody);
   }
   std::string error() const {
     try {
@@ -148,6 +149,57 @@ TEST(FillPlan, FollowsAStageThatWritesAMask) {
   EXPECT_EQ(plan.steps[3].frames, (std::vector<int>{5, 9}));
   EXPECT_EQ(plan.steps[1].frames, (std::vector<int>{4, 5, 6, 8, 9, 10}));
   EXPECT_EQ(plan.source, (std::vector<int>{3, 4, 5, 6, 7, 8, 9, 10, 11})) << "the pixels are not of the source";
+}
+
+TEST_F(FillFiles, NoiseOfThePixelsGoesWhereTheOthersAreClean) {
+  constexpr int kSize = 32;
+  const auto light = [](int x) { return x < kSize / 2 ? 0.5f : 2.0f; };  // an edge that has to stay
+  const auto albedo = [](int x, int y) { return 0.3f + 0.1f * float((x * 7 + y * 3) % 5); };
+  Frame base(kSize, kSize), pixels(kSize, kSize);
+  for (Frame* f : {&base, &pixels}) f->create(layers::color()), f->create(layers::albedo());
+  Image &mask = base.create(layers::mask()), &a = pixels.create(layers::color_a()),
+        &b = pixels.create(layers::color_b());
+  for (int y = 0; y < kSize; ++y) {
+    for (int x = 0; x < kSize; ++x) {
+      const float truth = light(x) * albedo(x, y);
+      const auto noise = [&](int half) {
+        return 1 + 0.6f * (2 * float(hash_key(std::uint64_t(x), std::uint64_t(y), std::uint64_t(half)) >> 40) /
+                               float(1 << 24) -
+                           1);
+      };
+      mask.at(x, y) = y >= 10 && y < 18;
+      a.set_rgb(x, y, Rgb(truth * noise(0))), b.set_rgb(x, y, Rgb(truth * noise(1)));
+      base.layer("color").set_rgb(x, y, Rgb(truth));
+      pixels.layer("color").set_rgb(x, y, (a.rgb(x, y) + b.rgb(x, y)) * 0.5f);
+      for (Frame* f : {&base, &pixels}) f->layer("albedo").set_rgb(x, y, Rgb(albedo(x, y)));
+    }
+  }
+  const auto error_of = [&](const std::string& smooth) {
+    StageObserver nobody;
+    StageChoice choice{&fill_entry, Params(fill_entry.params)};
+    choice.params.set_text("smooth", smooth);
+    const std::vector<FrameSequence> in{FrameSequence(pattern("base")), FrameSequence(pattern("pixels"))};
+    run_stage(choice, in, pattern(smooth), {}, nobody);
+    const Image out = read_frame(frame_path(pattern(smooth), 1)).layer("color");
+    double sum = 0;
+    for (int y = 0; y < kSize; ++y) {
+      for (int x = 0; x < kSize; ++x) {
+        const double e = double(out.at(x, y, 0)) / double(light(x) * albedo(x, y)) - 1;
+        if (mask.at(x, y) == 0) {
+          EXPECT_NEAR(e, 0, 1e-6) << "others stay";
+        }
+        sum += e * e;
+      }
+    }
+    return sum;
+  };
+  write("base", 1, base), write("pixels", 1, pixels);
+  const double noisy = error_of("no");
+  EXPECT_EQ(error_of("auto"), noisy) << "nothing says that the others are clean";
+  EXPECT_LT(4 * error_of("yes"), noisy);
+  base.metadata[stage_engine_key("denoise")] = std::string("nl_means");
+  write("base", 1, base);
+  EXPECT_LT(4 * error_of("auto"), noisy);
 }
 
 }  // namespace

@@ -459,14 +459,22 @@ TEST(StageCatalog, ManualsNameWhatStagesRead) {
         if (offset) all.layers.push_back(layers::offset(d));
       }
       const std::unique_ptr<Stage> stage = e->make(Params(e->params));
-      const std::vector<SequenceDesc> in(e->ports.size(), all);
+      std::vector<SequenceDesc> in(e->ports.size(), all);
+      for (std::size_t port = 0; port < in.size(); ++port) {
+        if (e->ports[port].guides) in[port].width *= e->enlarges, in[port].height *= e->enlarges;
+      }
       std::set<std::string> written;
       for (const LayerHelp& h : e->writes) written.insert(h.layers.begin(), h.layers.end());
       for (int port = 0; port < int(in.size()); ++port) {
         for (const LayerUse& use : stage->reads(port, in)) {
           EXPECT_TRUE(manual.contains(use.layer.name) || manual.contains("*")) << e->name << ' ' << use.layer.name;
         }
-        EXPECT_EQ(stage->inputs(port, 9, in).back(), 9) << "within its reach";
+        for (const int frame : {8, 9}) {
+          for (const int f : stage->inputs(port, frame, in)) EXPECT_TRUE(all.reach.contains(f)) << e->name << ' ' << f;
+        }
+        if (port == 0) {
+          EXPECT_EQ(stage->inputs(port, 9, in).back(), 9) << e->name;
+        }
       }
       const SequenceDesc out = stage->output(in);
       for (const LayerDesc& d : out.layers) EXPECT_TRUE(all.has(d) || written.contains(d.name)) << d.name;

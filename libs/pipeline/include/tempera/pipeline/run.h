@@ -37,6 +37,7 @@ struct HaloLoss {
 
 struct RunPlan {
   Shot render;                   ///< what the first step renders, and where to
+  std::optional<Shot> guides;    ///< what is rendered with few samples after it, where stages take guides
   std::vector<int> neighbors;    ///< frames among render.frames that were not asked for: stages look at them
   std::vector<int> frames;       ///< of the result: those asked for that the last stage makes
   std::vector<RunStage> stages;  ///< the steps after it: the stages of the shot, and those that fill what they mask
@@ -64,6 +65,10 @@ std::vector<FrameSequence> stage_input(const RunPlan& plan, std::size_t step);
 class RunObserver {
  public:
   virtual ~RunObserver() = default;
+  virtual std::unique_ptr<RenderObserver> begin_guides(const Shot& /*guides*/) {
+    return std::make_unique<RenderObserver>();
+  }
+  virtual void end_guides(const Shot& /*guides*/, const RenderReport& /*report*/) {}
   virtual std::unique_ptr<RenderObserver> begin_pixels(const RunStage& /*of*/) {
     return std::make_unique<RenderObserver>();
   }
@@ -74,7 +79,8 @@ class RunObserver {
   virtual void end_stage(const RunStage& /*stage*/, const StageReport& /*report*/) {}
 };
 
-/// Runs the stages of a plan whose frames are rendered, with the renders of single pixels between them. `scene` is that
+/// Runs the stages of a plan whose frames are rendered, with the renders of guides before and of single pixels between
+/// them. `scene` is that
 /// of the plan's shot, and not looked at where no step renders. `options`: as for the render of the shot, whole frames;
 /// frames of pixels that were not asked for are taken where they are finished.
 /// Errors: those of render_sequence and run_stage.

@@ -40,6 +40,7 @@ struct Shot {
   int motion_segments = 4;        ///< of a frame between knots of the motion grid
   std::vector<ShotStage> stages;  ///< in their order; where the shot names none, those made for such frames
   std::vector<std::string> stage_layers;  ///< that are rendered because stages can use them, and are not of the result
+  int guide_spp = 8;                      ///< samples per pixel of guides, which stages take (StagePort::guides)
   int halo = -1;                     ///< frames at most around those asked for that are made for stages; -1: any number
   WriteOptions final_write;          ///< of the frames that are the result
   std::string video_path;            ///< of the movie; empty: none is named

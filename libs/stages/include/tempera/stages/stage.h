@@ -112,6 +112,8 @@ std::vector<int> frames_around(int frame, int before, int after, const SequenceD
 struct StagePort {
   std::string name;  ///< of the command's argument
   std::string help;  ///< what frames it takes
+  /// In a shot, whether it gets guides: frames of the shot's size that are rendered with few samples, any of them.
+  bool guides = false;
 };
 
 /// Layers in the manual.
@@ -129,7 +131,7 @@ struct StageEntry {
   /// None is called `path`, the key of shot.toml for the place of the frames, or like a flag that the commands of all
   /// stages have (frames, output, resume, ...).
   std::vector<ParamSpec> params;
-  /// In a shot the first port gets the frames of the step before, all others get the rendered ones.
+  /// In a shot the first port gets the frames of the step before, all others get the rendered ones, or guides.
   std::vector<StagePort> ports;
   std::string output_help;  ///< what its frames are
   std::vector<LayerHelp> reads, writes;
@@ -143,6 +145,16 @@ struct StageEntry {
   std::string follows_help{};  ///< what such frames are
   /// Where plans of shots put it by themselves, for the manual; empty: shots name it.
   std::string inserted_help{};
+  /// How many times smaller the frames of its first port are than its own, in width and height.
+  int enlarges = 1;
+  /// Whether the frames of its first port are keys, with others in between that the step before does not make.
+  bool takes_keys = false;
+  /// Whether its frames have to be sharp: a shot with it renders them with a shutter that is open for no time.
+  bool sharp = false;
+  /// Whether it opens the shutter again, for as long as its parameter `shutter` says: in a shot, that of the shot.
+  bool opens_shutter = false;
+  /// Whether its parameter `cuts` is that of the shot, where none is given.
+  bool takes_cuts = false;
 };
 
 /// All stages, in the order of the manual, which is that in which they would follow each other.

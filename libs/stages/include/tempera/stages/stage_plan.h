@@ -22,7 +22,9 @@ struct StageStep {
 
 struct StagePlan {
   std::vector<StageStep> steps;  ///< in their order
+  SequenceDesc source_desc;      ///< the source, smaller where stages enlarge it
   std::vector<int> source;       ///< frames of the source that they read, in ascending order
+  std::vector<int> guides;       ///< frames that they read of guides (StagePort::guides), in ascending order
 };
 
 /// A stage of a chain reads a layer that nothing before it writes.
@@ -40,7 +42,8 @@ class MissingLayerError : public Error {
 };
 
 /// Plans `chain`: the first port of each stage gets the frames of the one before it, the first one's the source's; all
-/// other ports get the source's. After a stage that writes a mask comes a step that fills it: its second port gets
+/// other ports get the source's, or guides, which are such frames, too. `source` has the size of the result: where stages
+/// enlarge frames, the source itself is smaller. After a stage that writes a mask comes a step that fills it: its second port gets
 /// frames like the source's, of the size and the numbers of the stage's, in which the pixels of the mask are rendered.
 /// `wanted`: frames of the last stage; those that it does not make are left out.
 /// Errors: MissingLayerError; Error{kBadInput} for a frame that a stage reads and the one before does not make; those

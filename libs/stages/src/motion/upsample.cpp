@@ -1,0 +1,323 @@
+// SPDX-License-Identifier: Apache-2.0
+// The stage `upsample`: frames of twice the width and height, whose light follows guides of that size, see
+// docs/motion-stages.md. Source: [Zimmer 2015, Sec. 5.2].
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "tempera/core/grid.h"
+#include "tempera/core/parallel.h"
+#include "tempera/stages/stage_run.h"
+
+namespace tempera {
+
+namespace {
+
+enum Port { kFrames, kGuides };
+constexpr int kFactor = 2;
+constexpr int kMost = 8;    ///< guides: reflectance, normal, emission, alpha
+constexpr int kLights = 4;  ///< channels of color
+/// Of windows, pixels of the small frame; and what keeps their fits from following noise. Source: measured, see
+/// docs/motion-stages.md.
+constexpr int kRadius = 1;
+constexpr double kRidge = 1e-4;
+
+/// A linear model of light by guides, in one window: light = slope * guide + offset.
+struct Model {
+  float slope[kLights][kMost] = {};
+  float offset[kLights] = {};
+};
+
+/// Solves (A + kRidge I) x = b for each light by Cholesky's method. A: [n][n], its lower half is used.
+void solve(std::array<std::array<double, kMost>, kMost>& a, std::array<std::array<double, kMost>, kLights>& b, int n) {
+  for (int i = 0; i < n; ++i) {
+    for (int j = 0; j <= i; ++j) {
+      double sum = a[i][j] + (i == j ? kRidge : 0);
+      for (int k = 0; k < j; ++k) sum -= a[i][k] * a[j][k];
+      a[i][j] = i == j ? std::sqrt(std::max(sum, 0.5 * kRidge)) : sum / a[j][j];
+    }
+  }
+  for (auto& x : b) {
+    for (int i = 0; i < n; ++i) {
+      for (int k = 0; k < i; ++k) x[i] -= a[i][k] * x[k];
+      x[i] /= a[i][i];
+    }
+    for (int i = n - 1; i >= 0; --i) {
+      for (int k = i + 1; k < n; ++k) x[i] -= a[k][i] * x[k];
+      x[i] /= a[i][i];
+    }
+  }
+}
+
+class Upsample final : public FrameStage {
+ public:
+  SequenceDesc output(std::span<const SequenceDesc> in) const override {
+    const SequenceDesc &small = in[kFrames], &guides = in[kGuides];
+    if (guides.width != kFactor * small.width || guides.height != kFactor * small.height) {
+      throw Error(ErrorCode::kBadInput, fmt::format("the frames have {}x{} pixels, so guides have {}x{}, not {}x{}",
+                                                    small.width, small.height, kFactor * small.width,
+                                                    kFactor * small.height, guides.width, guides.height));
+    }
+    SequenceDesc out = small;
+    out.width = guides.width, out.height = guides.height;
+    std::erase_if(out.layers, [](const LayerDesc& d) { return !survives(d); });
+    out.layers.push_back(layers::mask());
+    return out;
+  }
+  std::vector<LayerUse> reads(int port, std::span<const SequenceDesc> in) const override {
+    if (port == kFrames) return {{layers::color(), true, "there is nothing to enlarge"}};
+    std::vector<LayerUse> uses{{layers::albedo(), false}, {layers::normal(), false}, {layers::emission(), false}};
+    for (const char* chain : layers::kCommonChains)
+      uses.push_back({layers::chain_layer(chain, layers::albedo()), false});
+    for (const LayerDesc& d : in[kFrames].layers) {
+      if (!survives(d)) continue;
+      const auto named = [&](const LayerUse& use) { return use.layer.name == d.name; };
+      const auto it = std::find_if(uses.begin(), uses.end(), named);
+      if (it != uses.end()) {
+        *it = {d, true, "the frames have it"};
+      } else {
+        uses.push_back({d, true, "the frames have it"});
+      }
+    }
+    return uses;
+  }
+
+ protected:
+  void make(const FrameWindow& in, int frame, Frame& out) const override {
+    const Frame& small = in.at(frame, kFrames);
+    const Frame& large = in.at(frame, kGuides);
+    const Image& color = small.layer("color");
+    const int w = small.width(), h = small.height();
+    if (color.channels() < 3) {
+      throw Error(ErrorCode::kBadInput,
+                  fmt::format("frame {}: the layer \"color\" has {} channels, 3 are needed", frame, color.channels()));
+    }
+    const Image guides = guides_of(large);
+    const int n = guides.channels();
+    // Of the small frame: the mean over the pixels that one covers. Not rendered, so that both say the same.
+    Image guide(w, h, n);
+    parallel_rows(0, h, [&](int y) {
+      for (int x = 0; x < w; ++x) {
+        for (int k = 0; k < n; ++k) {
+          float sum = 0;
+          for (int j = 0; j < kFactor * kFactor; ++j)
+            sum += guides.at(kFactor * x + j % kFactor, kFactor * y + j / kFactor, k);
+          guide.at(x, y, k) = sum / float(kFactor * kFactor);
+        }
+      }
+    });
+    const auto light = [&](int x, int y, int c) {
+      const float v = c < color.channels() ? color.at(x, y, c) : 1.0f;
+      return std::isfinite(v) ? v : 0.0f;
+    };
+    Grid<Model> models(w, h);
+    parallel_rows(0, h, [&](int y) {
+      for (int x = 0; x < w; ++x) models.at(x, y) = fit(guide, light, x, y);
+    });
+    const Grid<Model> means = mean_models(models, n);
+    // DEVIATION [Zimmer 2015, Sec. 5.2]: what the models leave out of the small frame is given back, smoothly. Else light
+    // that follows no guide, such as a reflection, is blurred by the windows.
+    Image rest(w, h, kLights);
+    parallel_rows(0, h, [&](int y) {
+      for (int x = 0; x < w; ++x) {
+        for (int c = 0; c < kLights; ++c) {
+          const Model& m = means.at(x, y);
+          float model = m.offset[c];
+          for (int j = 0; j < n; ++j) model += m.slope[c][j] * guide.at(x, y, j);
+          rest.at(x, y, c) = light(x, y, c) - model;
+        }
+      }
+    });
+
+    for (const Layer& l : large.layers()) {
+      if (survives(l.desc) && small_has(in, l.desc)) out.add(l.desc, l.image);
+    }
+    Image& result = out.add(small.desc("color"), Image(kFactor * w, kFactor * h, color.channels()));
+    Image& mask = out.create(layers::mask());
+    parallel_rows(0, result.height(), [&](int y) {
+      for (int x = 0; x < result.width(); ++x) {
+        const float fx = (float(x) + 0.5f) / kFactor - 0.5f, fy = (float(y) + 0.5f) / kFactor - 0.5f;
+        const int x0 = int(std::floor(fx)), y0 = int(std::floor(fy));
+        float value[kLights] = {};
+        for (int k = 0; k < 4; ++k) {
+          const int px = std::clamp(x0 + (k & 1), 0, w - 1), py = std::clamp(y0 + (k >> 1), 0, h - 1);
+          const float u = fx - float(x0), v = fy - float(y0);
+          const float weight = ((k & 1) ? u : 1 - u) * ((k >> 1) ? v : 1 - v);
+          const Model& m = means.at(px, py);
+          for (int c = 0; c < kLights; ++c) {
+            float sum = m.offset[c] + rest.at(px, py, c);
+            for (int j = 0; j < n; ++j) sum += m.slope[c][j] * guides.at(x, y, j);
+            value[c] += weight * sum;
+          }
+        }
+        for (int c = 0; c < result.channels(); ++c) {
+          constexpr float kTolerance = 1e-6f;
+          const float v = c < kLights ? value[c] : 0;
+          if (c < 3 && v < -kTolerance) mask.at(x, y) = 1;  // [Zimmer 2015, Sec. 5.2]
+          result.at(x, y, c) = c == 3 ? std::clamp(v, 0.0f, 1.0f) : std::max(v, 0.0f);
+        }
+      }
+    });
+  }
+
+ private:
+  static bool survives(const LayerDesc& d) {
+    return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
+           d.role != LayerRole::kReconstruction && d.role != LayerRole::kMask &&
+           (d.role != LayerRole::kPicture || d.name == layers::color().name);
+  }
+  static bool small_has(const FrameWindow& in, const LayerDesc& d) { return in.in()[kFrames].has(d); }
+
+  /// The layers that light follows, each scaled to about [0, 1]: [h,w,n].
+  static Image guides_of(const Frame& large) {
+    struct Plane {
+      const Image* image;
+      int channel;
+      float scale;
+    };
+    std::vector<Plane> planes;
+    const auto add = [&](const char* name, int first, int count, float scale) {
+      const Layer* layer = large.find(name);
+      if (!layer || layer->image.channels() < first + count) return;
+      for (int c = 0; c < count; ++c) planes.push_back({&layer->image, first + c, scale});
+    };
+    Image seen;  // reflectance of what is seen, in mirrors and through glass, too
+    for (const char* chain : layers::kCommonChains) {
+      const Layer* layer = large.find(layers::chain_layer(chain, layers::albedo()).name);
+      if (!layer || layer->image.channels() != 3) continue;
+      if (seen.empty()) seen = Image(large.width(), large.height(), 3);
+      for (std::size_t i = 0; i < seen.values().size(); ++i) seen.values()[i] += layer->image.values()[i];
+    }
+    for (int c = 0; c < 3 && !seen.empty(); ++c) planes.push_back({&seen, c, 1});
+    if (seen.empty()) add("albedo", 0, 3, 1);
+    add("normal", 0, 3, 0.5f);
+    add("color", 3, 1, 1);
+    Image emission;  // luminance over its maximum
+    if (const Layer* layer = large.find("emission"); layer && layer->image.channels() >= 3) {
+      emission = Image(large.width(), large.height(), 1);
+      float most = 0;
+      for (int y = 0; y < large.height(); ++y) {
+        for (int x = 0; x < large.width(); ++x) {
+          const Rgb e = layer->image.rgb(x, y);
+          const float v = luminance(e);
+          emission.at(x, y) = std::isfinite(v) ? v : 0;
+          most = std::max(most, emission.at(x, y));
+        }
+      }
+      if (most > 0) planes.push_back({&emission, 0, 1 / most});
+    }
+    // A guide that says nothing would only make the fit singular.
+    std::erase_if(planes, [](const Plane& p) {
+      const float first = p.image->at(0, 0, p.channel);
+      for (std::int64_t i = 0; i < p.image->pixels(); ++i) {
+        if (p.image->values()[std::size_t(i) * p.image->channels() + p.channel] != first) return false;
+      }
+      return true;
+    });
+    Image out(large.width(), large.height(), int(planes.size()));
+    parallel_rows(0, large.height(), [&](int y) {
+      for (int x = 0; x < large.width(); ++x) {
+        for (std::size_t k = 0; k < planes.size(); ++k) {
+          const float v = planes[k].image->at(x, y, planes[k].channel) * planes[k].scale;
+          out.at(x, y, int(k)) = std::isfinite(v) ? v : 0;
+        }
+      }
+    });
+    return out;
+  }
+
+  /// The model of the window around a pixel. [He 2013, Eq. 5]
+  template <class Light>
+  static Model fit(const Image& guide, const Light& light, int x, int y) {
+    const int w = guide.width(), h = guide.height(), n = guide.channels();
+    double mean_g[kMost] = {}, mean_c[kLights] = {};
+    std::array<std::array<double, kMost>, kMost> gg{};
+    std::array<std::array<double, kMost>, kLights> gc{};
+    int count = 0;
+    for (int py = std::max(0, y - kRadius); py <= std::min(h - 1, y + kRadius); ++py) {
+      for (int px = std::max(0, x - kRadius); px <= std::min(w - 1, x + kRadius); ++px, ++count) {
+        const float* g = guide.pixel(px, py);
+        for (int c = 0; c < kLights; ++c) {
+          const double v = double(light(px, py, c));
+          mean_c[c] += v;
+          for (int i = 0; i < n; ++i) gc[c][i] += v * double(g[i]);
+        }
+        for (int i = 0; i < n; ++i) {
+          mean_g[i] += double(g[i]);
+          for (int j = 0; j <= i; ++j) gg[i][j] += double(g[i]) * double(g[j]);
+        }
+      }
+    }
+    for (double& m : mean_g) m /= count;
+    for (double& m : mean_c) m /= count;
+    for (int i = 0; i < n; ++i) {
+      for (int j = 0; j <= i; ++j) gg[i][j] = gg[i][j] / count - mean_g[i] * mean_g[j];
+      for (int c = 0; c < kLights; ++c) gc[c][i] = gc[c][i] / count - mean_c[c] * mean_g[i];
+    }
+    solve(gg, gc, n);
+    Model m;
+    for (int c = 0; c < kLights; ++c) {
+      double offset = mean_c[c];
+      for (int i = 0; i < n; ++i) m.slope[c][i] = float(gc[c][i]), offset -= gc[c][i] * mean_g[i];
+      m.offset[c] = float(offset);
+    }
+    return m;
+  }
+
+  /// The mean of the models of all windows that a pixel is in.
+  static Grid<Model> mean_models(const Grid<Model>& models, int n) {
+    const int w = models.width(), h = models.height();
+    Grid<Model> out(w, h);
+    parallel_rows(0, h, [&](int y) {
+      for (int x = 0; x < w; ++x) {
+        Model& sum = out.at(x, y);
+        int count = 0;
+        for (int py = std::max(0, y - kRadius); py <= std::min(h - 1, y + kRadius); ++py) {
+          for (int px = std::max(0, x - kRadius); px <= std::min(w - 1, x + kRadius); ++px, ++count) {
+            const Model& m = models.at(px, py);
+            for (int c = 0; c < kLights; ++c) {
+              sum.offset[c] += m.offset[c];
+              for (int i = 0; i < n; ++i) sum.slope[c][i] += m.slope[c][i];
+            }
+          }
+        }
+        for (int c = 0; c < kLights; ++c) {
+          sum.offset[c] /= float(count);
+          for (int i = 0; i < n; ++i) sum.slope[c][i] /= float(count);
+        }
+      }
+    });
+    return out;
+  }
+};
+
+}  // namespace
+
+extern const StageEntry upsample_entry;
+const StageEntry upsample_entry{
+    .name = "upsample",
+    .help = "frames of twice the width and height, with detail from guides of few samples",
+    .command_help = "Make frames twice as wide and high, with detail from guides.",
+    .done = "enlarged",
+    .ports = {{"in", "clean frames"},
+              {"guides", "frames twice as wide and high, rendered with few samples, with the same layers", true}},
+    .output_help = "frames of the size of the guides",
+    .reads = {{{"color"}, "needed: the light; of the guides, alpha"},
+              {{"albedo", "normal", "emission"},
+               "of the guides: what light follows; without any of them it is only smoothed"},
+              {{"chain.*"}, "`albedo` of what is seen in mirrors and through glass, in the place of `albedo`"},
+              {{"*"}, "of the guides: every layer that the frames have"}},
+    .writes = {{{"color"}, "light and alpha of the frames, at the guides' size"},
+               {{"*"}, "every layer of the frames: those of the guides"},
+               {{"mask"}, "pixels that are better rendered: their light came out negative"}},
+    .window = "the frame itself, and its guide",
+    .gap_help = "each frame has a guide of its number",
+    .examples = {"tempera upsample clean/ guides/ -o large/",
+                 "tempera render shot.toml --mask large/f.####.exr -o pixels/f.####.exr",
+                 "tempera fill large/ pixels/ -o final/"},
+    .make = [](const Params&) -> std::unique_ptr<Stage> { return std::make_unique<Upsample>(); },
+    .enlarges = kFactor};
+
+}  // namespace tempera
