@@ -350,7 +350,7 @@ void add_layers_for(const StageChoice& stage, Shot& shot, std::vector<LayerDesc>
   };
   try {
     // Not of few samples, of which what mirrors and glass show is mostly noise.
-    if (stage.entry->name == kQualityStage && s.spp > kFewSamples) {
+    if (stage.entry->name == kDenoiser && s.spp > kFewSamples) {
       SequenceDesc with = rendered;
       const std::array<LayerDesc, 2> seen{layers::chain_layer(layers::kAnyChain, layers::albedo()),
                                           layers::chain_layer(layers::kAnyChain, layers::normal())};
