@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "tempera/chain_motion/temporal_walk.h"
 #include "tempera/manifold/scene_matter.h"
@@ -13,11 +14,14 @@ namespace tempera {
 
 namespace {
 
-constexpr double kTolerance = 1e-5;  // of a walk, pixels [T]
+constexpr double kTolerance = 1e-5;  // of a walk, pixels
 constexpr double kHidden = 1e-3;     // of the length of the last edge: what ends before it hides its end
 constexpr double kFar =
     32.0 / 1280;                 // of the picture: a walk that ends so far from where it seemed to go has to return
+constexpr double kOffset = 1e-4;  // of coordinates: rays start off surfaces
 constexpr double kReturn = 0.1;  // pixels, from where it began
+constexpr int kMostSteps = 400;        // of a walk; one that is done takes 5 in the mean
+constexpr std::size_t kMostEyes = 16;
 
 MotionState state_of(WalkState state) {
   switch (state) {
@@ -48,18 +52,22 @@ struct SeenChain {
   std::optional<ChainMatter::Crossing> end;
 };
 
-/// The chains of one pixel, and their motion.
-class PixelChains {
+/// Chains of pixels of a frame, one pixel after another, and their motion. Threads: one thread each.
+class ChainTracker {
  public:
-  PixelChains(const FrameContext& context, const SceneTimeline& timeline, int x, int y)
+  ChainTracker(const FrameContext& context, const SceneTimeline& timeline)
       : context_(context),
-        pixel_{x + 0.5, y + 0.5},
-        now_(context.settings.clock.exposure_time(context.frame, 0.5, pixel_.y / context.settings.height)),
-        sight_(context.camera.sight(pixel_, now_)),
         matter_([&timeline](double t) -> const RayScene& { return timeline.at(t).rays; },
                 [this](const Vec3d& o, const Vec3d& d, double t) { return first_range(o, d, t); }) {}
-  PixelChains(const PixelChains&) = delete;
-  PixelChains& operator=(const PixelChains&) = delete;
+  ChainTracker(const ChainTracker&) = delete;
+  ChainTracker& operator=(const ChainTracker&) = delete;
+
+  /// What follows is about the center of pixel (x, y).
+  void look_at(int x, int y) {
+    pixel_ = {x + 0.5, y + 0.5};
+    now_ = context_.settings.clock.exposure_time(context_.frame, 0.5, pixel_.y / context_.settings.height);
+    sight_ = context_.camera.sight(pixel_, now_);
+  }
 
   /// Finds which of `chains` (letters) the pixel has.
   std::vector<SeenChain> find(const std::vector<std::string>& chains) {
@@ -81,9 +89,15 @@ class PixelChains {
     const double then = now_ + step * context_.settings.clock.frame_duration();
     const ChainEnds ends = ends_of(chain);
     SpecularChain path = chain.path;
-    const double tolerance = tolerance_of(chain.path);
-    const WalkState walk = walk_in_time(matter_, ends, then, tolerance, path, counts ? &counts->steps : nullptr);
-    if (walk != WalkState::kDone) return {state_of(walk)};
+    const double tolerance = bends ? tolerance_of(chain.path) : kTolerance * length(chain.path.last.p - sight_.o);
+    if (path.vertices.empty()) {
+      path.time = then, path.first = eye(then), path.last = ends.last(then);
+    } else {
+      WalkCounts steps{.most = kMostSteps};
+      const WalkState walk = walk_in_time(matter_, ends, then, tolerance, path, &steps);
+      if (counts) counts->steps.spatial += steps.spatial, counts->steps.temporal += steps.temporal;
+      if (walk != WalkState::kDone) return {state_of(walk)};
+    }
     if (hides_end(path, chain)) return {MotionState::kOccluded};
     if (const MotionState s = look_again(path); s != MotionState::kTracked) return {s};
     // Where nothing has moved, rounding has not either.
@@ -100,25 +114,37 @@ class PixelChains {
   }
 
  private:
-  SceneMatter::Range first_range(const Vec3d& o, const Vec3d& d, double t) const {
-    const CameraModel::Sight axis = context_.camera.sight(pixel_, t);
-    // Parallel rays come from before the plane of the camera.
-    const double begin = context_.camera.is_perspective() ? 0 : dot(axis.o - o, axis.d) / dot(d, axis.d);
-    return {begin + axis.tmin, begin + axis.tmax};
-  }
-
-  /// The first end of chains: the center of the lens, or the direction of all rays.
-  ChainEnd eye(double t) const {
-    const auto at = [&](double time) {
-      const CameraModel::Sight s = context_.camera.sight(pixel_, time);
-      return context_.camera.is_perspective() ? s.o : -s.d;
+  /// The camera at a time.
+  struct Eye {
+    double time = 0;
+    ChainEnd end;  ///< the center of the lens, or the direction of all rays
+    Vec3d o, axis;
+    double near = 0, far = 0;  ///< along the axis
+  };
+  const Eye& camera_at(double t) const {
+    for (const Eye& e : eyes_) {
+      if (e.time == t) return e;
+    }
+    const CameraModel& camera = context_.camera;
+    const auto place = [&](double time) {
+      const CameraModel::Sight s = camera.sight({}, time);
+      return camera.is_perspective() ? s.o : -s.d;
     };
+    const CameraModel::Sight s = camera.sight({}, t);
     const double h = 1e-3 * context_.settings.clock.frame_duration();
-    ChainEnd end;
-    end.infinite = !context_.camera.is_perspective();
-    end.p = at(t);
-    end.dpdt = (at(t + h) - at(t - h)) * (0.5 / h);  // a walk's first step alone depends on it
-    return end;
+    Eye e{t, {!camera.is_perspective(), place(t), {}, {}, {}}, s.o, normalize(Vec3d(camera.axis(t))), 0, 0};
+    e.end.dpdt = (place(t + h) - place(t - h)) * (0.5 / h);  // a walk's first step alone depends on it
+    const double along = dot(s.d, e.axis);
+    e.near = s.tmin * along, e.far = s.tmax * along;
+    if (eyes_.size() >= kMostEyes) eyes_.clear();
+    eyes_.push_back(e);
+    return eyes_.back();
+  }
+  ChainEnd eye(double t) const { return camera_at(t).end; }
+  SceneMatter::Range first_range(const Vec3d& o, const Vec3d& d, double t) const {
+    const Eye& e = camera_at(t);
+    const double along = dot(d, e.axis), before = dot(o - e.o, e.axis);  // parallel rays begin anywhere
+    return {(e.near - before) / along, (e.far - before) / along};
   }
 
   /// From o in direction d, with `path` up to there, for the chains `active`, of which path.vertices have been followed.
@@ -185,8 +211,12 @@ class PixelChains {
     ChainEnds ends;
     ends.first = [this](double t) { return eye(t); };
     if (chain.end) {
-      ends.last = [this, &chain](double t) { return ChainEnd::of(matter_.surface(*chain.end, t)); };
-      ends.last_normal = [this, &chain](double t) { return matter_.surface(*chain.end, t).ng; };
+      auto frame = [this, &chain, at = std::numeric_limits<double>::quiet_NaN(), f = SurfaceFrame()](double t) mutable {
+        if (at != t) f = matter_.surface(*chain.end, t), at = t;
+        return f;
+      };
+      ends.last = [frame](double t) mutable { return ChainEnd::of(frame(t)); };
+      ends.last_normal = [frame](double t) mutable { return frame(t).ng; };
     } else {
       const auto at = [this, &chain](double t) {
         return Vec3d(context_.at(now_).lights.environment_motion(Vec3f(chain.path.last.p), now_, t));
@@ -236,12 +266,12 @@ class PixelChains {
     const ChainVertex* from = path.vertices.empty() ? nullptr : &path.vertices.back();
     const bool parallel = !from && path.first.infinite;
     const Vec3d o = from ? from->specular.surface.p : parallel ? path.last.p + path.first.p : path.first.p;
-    if (path.last.infinite) return matter_.meet(o, path.last.p, path.time, from).has_value();
+    if (path.last.infinite) return matter_.first_hit(o, path.last.p, path.time, from).has_value();
     const Vec3d way = path.last.p - o;
     const double distance = length(way);
-    const auto met = matter_.meet(o, way * (1 / distance), path.time, from);
-    if (!met || met->point.instance != chain.end->point.instance) return true;
-    return length(matter_.surface(*met, path.time).p - path.last.p) > kHidden * (distance + 1e-3);
+    const auto met = matter_.first_hit(o, way * (1 / distance), path.time, from);
+    return !met || met->point.instance != chain.end->point.instance ||
+           std::abs(double(met->t) - distance) > kHidden * distance + kOffset * length(path.last.p);
   }
 
   /// Whether the surfaces that the path has come to do there what it takes them to do: textures may say otherwise.
@@ -285,8 +315,7 @@ class PixelChains {
     Vec3d before = path.first.p;
     bool known = !path.first.infinite;
     const auto add = [&](const Vec3d& p) {
-      const CameraModel::Sight s = context_.camera.sight(pixel_, path.time);
-      sum += known ? length(p - before) : dot(p - s.o, s.d);
+      sum += known ? length(p - before) : dot(p - camera_at(path.time).o, camera_at(path.time).axis);
       before = p, known = true;
     };
     for (const ChainVertex& v : path.vertices) add(v.specular.surface.p);
@@ -304,10 +333,11 @@ class PixelChains {
   }
 
   const FrameContext& context_;
-  Vec2d pixel_;
-  double now_;
-  CameraModel::Sight sight_;
   SceneMatter matter_;
+  Vec2d pixel_;
+  double now_ = 0;
+  CameraModel::Sight sight_;
+  mutable std::vector<Eye> eyes_;
 };
 
 /// The layers of one chain.
@@ -334,16 +364,17 @@ void write_chain_motion(const FrameContext& context, const SceneTimeline& neighb
     chains.push_back(chain), layers_of.push_back(found);
   }
   if (chains.empty()) return;
+  ChainTracker tracker(context, neighbourhood);
   for (int y = tile.y0; y < tile.y1; ++y) {
     for (int x = tile.x0; x < tile.x1; ++x) {
       if (!wants(x, y)) continue;
-      PixelChains pixel(context, neighbourhood, x, y);
-      const std::vector<SeenChain> seen = pixel.find(chains);
+      tracker.look_at(x, y);
+      const std::vector<SeenChain> seen = tracker.find(chains);
       const int ox = x - context.settings.x0(), oy = y - context.settings.y0();
       for (std::size_t i = 0; i < chains.size(); ++i) {
         const auto write = [&](Image* image, int step, int channel) {
           if (!image && !layers_of[i].state) return;
-          const ChainVector v = pixel.motion(seen[i], step, counts);
+          const ChainVector v = tracker.motion(seen[i], step, counts);
           if (counts) ++counts->states[std::size_t(v.state)];
           const bool valid = v.state == MotionState::kTracked;
           if (layers_of[i].state) layers_of[i].state->at(ox, oy, channel) = float(v.state);

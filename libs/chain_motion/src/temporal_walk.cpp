@@ -7,6 +7,8 @@ namespace tempera {
 
 namespace {
 
+// What does not converge soon is better tried over a shorter time: half of the steps for glass of four sides.
+constexpr StepLimits kSoon{.steps = 10, .least = 1.0 / 16};
 constexpr double kLeastTime = 1.0 / 64;  // of a step, as a part of the way
 
 /// First-order motion of the first bend of a chain at its time.
@@ -49,21 +51,24 @@ WalkState walk_in_time(const ChainMatter& matter, const ChainEnds& ends, double 
     const Prediction prediction(chain);
     if (prediction.singular) return WalkState::kSingular;
     WalkState why = WalkState::kStuck;
-    for (;; dt /= 2) {
+    bool halved = false;
+    for (;; dt /= 2, halved = true) {
       if (std::abs(dt) < kLeastTime * std::abs(whole)) return why;
+      if (counts && counts->spent()) return WalkState::kStuck;
       if (counts) ++counts->temporal;
       const double t = dt == to - chain.time ? to : chain.time + dt;
       const ChainEnd first = ends.first(t), last = ends.last(t);
       const Vec3d normal = ends.last_normal(t);
       auto next = retrace_chain(matter, chain, first, prediction.at(matter, chain, last, t), last, normal, t, why);
       if (!next) continue;
-      why = walk_in_space(matter, last, normal, tolerance, *next, counts);
+      why = walk_in_space(matter, last, normal, tolerance, *next, counts, kSoon);
       if (why != WalkState::kDone) continue;
       chain = std::move(*next);
       break;
     }
     const double left = to - chain.time;
-    dt = std::abs(2 * dt) < std::abs(left) ? 2 * dt : left;
+    if (!halved) dt *= 2;  // else what is next is as hard, too
+    if (std::abs(dt) > std::abs(left)) dt = left;
   }
   return WalkState::kDone;
 }

@@ -8,8 +8,6 @@ namespace tempera {
 
 namespace {
 
-constexpr int kMaxSteps = 20;                    // of a spatial walk [Jakob 2012, Sec. 4.2]
-constexpr double kLeastStep = 1.0 / 1024;        // of a spatial one, as a part of what the linear system says
 constexpr double kGrazing = 1e-4, kFlat = 1e-6;  // cosines
 
 /// What is missing from the end of `chain` to `last`, and by which change of the parameters that would be made up for.
@@ -125,10 +123,10 @@ std::optional<SpecularChain> retrace_chain(const ChainMatter& matter, const Spec
 }
 
 WalkState walk_in_space(const ChainMatter& matter, const ChainEnd& last, const Vec3d& last_normal, double tolerance,
-                        SpecularChain& chain, WalkCounts* counts) {
+                        SpecularChain& chain, WalkCounts* counts, const StepLimits& limits) {
   double beta = 1;
   Gap gap = gap_of(chain, last);
-  for (int step = 0; step < kMaxSteps; ++step) {
+  for (int step = 0; step < limits.steps; ++step) {
     if (length(gap.r) <= tolerance) {
       chain.last = last, chain.last_normal = last_normal;
       return WalkState::kDone;
@@ -141,7 +139,8 @@ WalkState walk_in_space(const ChainMatter& matter, const ChainEnd& last, const V
     const SurfaceFrame& f = specular[0].surface;
     WalkState why = WalkState::kStuck;
     for (;; beta /= 2) {
-      if (beta < kLeastStep) return why;
+      if (beta < limits.least) return why;
+      if (counts && counts->spent()) return WalkState::kStuck;
       if (counts) ++counts->spatial;
       auto next = retrace_chain(matter, chain, chain.first, f.p + (f.dpdu * q.x + f.dpdv * q.y) * beta, last,
                                 last_normal, chain.time, why);

@@ -23,6 +23,8 @@ class SceneMatter final : public ChainMatter {
       : rays_at_(std::move(rays_at)), first_range_(std::move(first_range)) {}
 
   std::optional<Crossing> meet(const Vec3d& o, const Vec3d& d, double t, const ChainVertex* from) const override;
+  /// What it meets as rays have it, in float; the distance is from `o`.
+  std::optional<Hit> first_hit(const Vec3d& o, const Vec3d& d, double t, const ChainVertex* from) const;
   SurfaceFrame surface(const Crossing& at, double t) const override {
     return rays_at_(t).surface(at.point, at.u, at.v, t);
   }
@@ -53,6 +55,10 @@ class SceneMatter final : public ChainMatter {
   };
   std::function<const RayScene&(double t)> rays_at_;
   std::function<Range(const Vec3d& o, const Vec3d& d, double t)> first_range_;
+  std::optional<Hit> find_hit(const RayScene& rays, const Vec3d& start, Ray ray, const ChainVertex* from) const;
+  /// A ray along the first edge or from a vertex, and where along the line from o its start is.
+  Ray ray_of(const RayScene& rays, const Vec3d& o, const Vec3d& d, double t, const ChainVertex* from,
+             double& start) const;
   mutable std::vector<Known> known_;
 };
 

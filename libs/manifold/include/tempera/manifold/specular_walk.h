@@ -3,6 +3,7 @@
 // Walks on the manifold of paths through mirrors and glass: the path between two ends of which one has moved, within one
 // moment. [Jakob 2012, Sec. 4.2; Zimmer 2015, Sec. 4]
 #include <functional>
+#include <limits>
 #include <optional>
 #include <vector>
 
@@ -63,6 +64,8 @@ enum class WalkState : std::uint8_t {
 
 struct WalkCounts {
   int spatial = 0, temporal = 0;  ///< steps that were tried
+  int most = std::numeric_limits<int>::max();  ///< of both: a walk that needs more is stuck
+  bool spent() const { return spatial + temporal >= most; }
 };
 
 /// The vertices of a chain that bend light: those of its linear system.
@@ -90,9 +93,15 @@ std::optional<SpecularChain> retrace_chain(const ChainMatter& matter, const Spec
                                            const Vec3d& aim, const ChainEnd& last, const Vec3d& last_normal, double t,
                                            WalkState& why);
 
+/// When a spatial walk gives up. [Jakob 2012, Sec. 4.2]
+struct StepLimits {
+  int steps = 20;
+  double least = 1.0 / 1024;  ///< a step, as a part of what the linear system says
+};
+
 /// Moves the last end of `chain` to `last` at the chain's time. `tolerance`: metres of the end, or radians of an infinite
 /// one. Leaves a path that ends there on success, the nearest one found else.
 WalkState walk_in_space(const ChainMatter& matter, const ChainEnd& last, const Vec3d& last_normal, double tolerance,
-                        SpecularChain& chain, WalkCounts* counts = nullptr);
+                        SpecularChain& chain, WalkCounts* counts = nullptr, const StepLimits& limits = {});
 
 }  // namespace tempera
