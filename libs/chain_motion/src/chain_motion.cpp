@@ -17,10 +17,10 @@ namespace {
 constexpr double kTolerance = 1e-5;  // of a walk, pixels
 constexpr double kHidden = 1e-3;     // of the length of the last edge: what ends before it hides its end
 constexpr double kFar =
-    32.0 / 1280;                 // of the picture: a walk that ends so far from where it seemed to go has to return
+    32.0 / 1280;                  // of the picture: a walk that ends so far from where it seemed to go has to return
 constexpr double kOffset = 1e-4;  // of coordinates: rays start off surfaces
-constexpr double kReturn = 0.1;  // pixels, from where it began
-constexpr int kMostSteps = 400;        // of a walk; one that is done takes 5 in the mean
+constexpr double kReturn = 0.1;   // pixels, from where it began
+constexpr int kMostSteps = 200;   // of a walk; one that is done takes 5 in the mean
 constexpr std::size_t kMostEyes = 16;
 
 MotionState state_of(WalkState state) {
@@ -89,7 +89,7 @@ class ChainTracker {
     const double then = now_ + step * context_.settings.clock.frame_duration();
     const ChainEnds ends = ends_of(chain);
     SpecularChain path = chain.path;
-    const double tolerance = bends ? tolerance_of(chain.path) : kTolerance * length(chain.path.last.p - sight_.o);
+    const double tolerance = tolerance_of(chain.path);
     if (path.vertices.empty()) {
       path.time = then, path.first = eye(then), path.last = ends.last(then);
     } else {
@@ -230,12 +230,12 @@ class ChainTracker {
 
   /// How far from its end a walk may stop, in metres or radians, to be exact to kTolerance in the picture.
   double tolerance_of(const SpecularChain& chain) const {
-    const double way = length_of(chain), least = 1e-12 * (1 + way);
+    const double way = length_of(chain), least = 1e-12 * (1 + way), most = 1e-3 * (1 + way);
     const CameraModel::Sight beside = context_.camera.sight({pixel_.x + 1, pixel_.y}, now_);
     const bool perspective = context_.camera.is_perspective();
     const double pixel = perspective ? length(beside.d - sight_.d) : length(beside.o - sight_.o);
     const std::vector<SpecularVertex> bends = bends_of(chain);
-    if (bends.empty()) return std::max(least, kTolerance * pixel * (perspective ? way : 1));
+    if (bends.empty()) return std::clamp(kTolerance * pixel * (perspective ? way : 1), least, most);
     // By how many pixels the path is seen elsewhere if its end moves by one unit along either of two axes.
     ChainEnd last = infinite_end(chain.last.infinite ? chain.last.p : chain.last_normal, {});
     last.infinite = chain.last.infinite, last.p = chain.last.p;
@@ -249,7 +249,7 @@ class ChainTracker {
       const Vec3d across = cross(f.dpdu * q.x + f.dpdv * q.y, sight_.d);
       squares += dot(across, across);
     }
-    return std::max(least, kTolerance * pixel * distance / std::sqrt(squares));
+    return std::clamp(kTolerance * pixel * distance / std::sqrt(squares), least, most);
   }
 
   /// Whether everything on the path is where it was.

@@ -83,8 +83,8 @@ struct MotionShot {
     for (int y = 0; y < settings.height; y += tile) {
       for (int x = 0; x < settings.width; x += tile) {
         const Tile t{x, y, std::min(x + tile, settings.width), std::min(y + tile, settings.height)};
-        write_chain_motion(window.frame(frame), window.neighbourhood(frame), t, [](int, int) { return true; }, out,
-                           &counts);
+        write_chain_motion(
+            window.frame(frame), window.neighbourhood(frame), t, [](int, int) { return true; }, out, &counts);
       }
     }
     return out;
@@ -266,7 +266,8 @@ TEST(ChainMotion, GlassBallAndShell) {
   for (const bool shell : {false, true}) {
     MotionShot shot;
     const double size = shell ? 0.4 : 1;
-    const Move ball{{0, 0, 0}, Vec3d{0.2, 0.1, -0.1} * size, {0, 0, 1}, 0.5}, wall{{0, 0, -3}, Vec3d{0.2, -0.1, 0} * size};
+    const Move ball{{0, 0, 0}, Vec3d{0.2, 0.1, -0.1} * size, {0, 0, 1}, 0.5},
+        wall{{0, 0, -3}, Vec3d{0.2, -0.1, 0} * size};
     shot.add(Sphere{}, glass(1.5f), ball.transform(1));
     if (shell) shot.add(Sphere(Affine3f(), true), glass(1.5f), ball.transform(0.85));
     shot.add(quad({}, {90, 0, 0}, {0, 90, 0}), kWhite, wall.transform());
@@ -476,7 +477,9 @@ TEST(ChainMotion, ThereAndBack) {
   const SceneTimeline& timeline = window.neighbourhood(0);
   const CameraModel& camera = window.frame(0).camera;
   const SceneMatter matter([&](double t) -> const RayScene& { return timeline.at(t).rays; },
-                           [](const Vec3d&, const Vec3d&, double) { return SceneMatter::Range{0, 1e6}; });
+                           [](const Vec3d&, const Vec3d&, double) {
+                             return SceneMatter::Range{0, 1e6};
+                           });
   int there = 0, done = 0, returned = 0;
   WalkCounts steps;
   for (int y = 0; y < 36; y += 2) {
@@ -489,16 +492,18 @@ TEST(ChainMotion, ThereAndBack) {
       const auto at = matter.meet(out.specular.surface.p, start->last.p - out.specular.surface.p, 0, &out);
       if (!at || at->point.instance != 1) continue;
       ++there;
-      const ChainEnds ends{[&](double) { return eye; },
-                           [&](double t) { return ChainEnd::of(matter.surface(*at, t)); },
-                           [](double) { return Vec3d{0, 0, 1}; }};
+      const ChainEnds ends{[&](double) { return eye; }, [&](double t) { return ChainEnd::of(matter.surface(*at, t)); },
+                           [](double) {
+                             return Vec3d{0, 0, 1};
+                           }};
       SpecularChain path = *start;
       path.last = ends.last(0);
       const SpecularChain begin = path;
       if (walk_in_time(matter, ends, 1, 1e-9, path, &steps) != WalkState::kDone) continue;
       ++done;
       if (walk_in_time(matter, ends, 0, 1e-9, path) != WalkState::kDone) continue;
-      const auto a = camera.project(first_bend(begin)->surface.p, 0), b = camera.project(first_bend(path)->surface.p, 0);
+      const auto a = camera.project(first_bend(begin)->surface.p, 0),
+                 b = camera.project(first_bend(path)->surface.p, 0);
       returned += length(*a - *b) < 1e-4;
     }
   }

@@ -60,7 +60,10 @@ const SceneTimeline& SceneWindow::neighbourhood(int frame) const {
     const int last = settings_.is_cut(frame + 1) ? frame : frame + 1;
     const double step = clock.frame_duration();
     const double a = clock.exposure_time(frame, 0.5, 0), b = clock.exposure_time(frame, 0.5, 1);
-    built = build_timeline({std::min(a, b) + (first - frame) * step, std::max(a, b) + (last - frame) * step});
+    const TimeSpan span{std::min(a, b) + (first - frame) * step, std::max(a, b) + (last - frame) * step};
+    built = std::make_unique<SceneTimeline>(
+        scene_, timeline_pieces(scene_, span, motion_step_), [](const TimeSpan& piece) { return piece; }, motion_step_,
+        cache_);
   }
   return *built;
 }

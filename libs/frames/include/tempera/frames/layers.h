@@ -146,8 +146,9 @@ const std::vector<LayerDesc>& chain_features();
 /// What chains can have of motion: motion.forward, motion.backward, motion.state; none of it if the program was built
 /// without TEMPERA_PATH_SPACE_MOTION.
 const std::vector<LayerDesc>& chain_motion();
-/// Chains that the short form "chains" stands for: what is seen directly, in a mirror, through a sheet and a solid.
-inline constexpr const char* kCommonChains[] = {"D", "RD", "TD", "TTD"};
+/// Chains that the short forms "chains" and "chain_motion" stand for: what is seen directly, in a mirror, through a sheet, a
+/// solid, and a vessel.
+inline constexpr const char* kCommonChains[] = {"D", "RD", "TD", "TTD", "TTTTD"};
 /// The descriptor of any name of the vocabulary, with class.*, chain.*, offset.* and Crypto* layers; none for other names.
 std::optional<LayerDesc> find(std::string_view name);
 }  // namespace layers

@@ -63,7 +63,7 @@ enum class WalkState : std::uint8_t {
 };
 
 struct WalkCounts {
-  int spatial = 0, temporal = 0;  ///< steps that were tried
+  int spatial = 0, temporal = 0;               ///< steps that were tried
   int most = std::numeric_limits<int>::max();  ///< of both: a walk that needs more is stuck
   bool spent() const { return spatial + temporal >= most; }
 };
