@@ -162,6 +162,10 @@ class ChainTracker {
     };
     const std::vector<int> ending = of_letter('D');
     if (!at) {
+      if (matter_.first_hit(o, d, now_, from)) {  // at an edge, where no primitive has it
+        for (const int i : active) seen[i].state = MotionState::kMissed;
+        return;
+      }
       for (const int i : ending) {
         seen[i] = {MotionState::kTracked, path, std::nullopt};
         seen[i].path.last = infinite_end(d, {});

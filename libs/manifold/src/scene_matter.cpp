@@ -9,6 +9,7 @@ namespace tempera {
 namespace {
 
 constexpr int kMaxPassed = 4096;     // surfaces that one edge passes: ends endless ones
+constexpr double kBefore = 1e-3;     // of a distance
 constexpr double kPerturbed = 1e-3;  // radians between normals
 constexpr float kOpaque = 0.5f;      // as the layer `motion` has it
 
@@ -66,10 +67,16 @@ std::optional<ChainMatter::Crossing> SceneMatter::meet(const Vec3d& o, const Vec
   double start = 0;
   const Ray ray = ray_of(rays, o, d, t, from, start);
   const Vec3d near = o + d * start;  // to what is met: parallel rays may come from afar
-  const auto hit = find_hit(rays, near, ray, from);
+  auto hit = find_hit(rays, near, ray, from);
   if (!hit) return std::nullopt;
-  const auto at = rays.refine(*hit, near, d, t);
-  if (!at) return std::nullopt;
+  auto at = rays.refine(*hit, near, d, t);
+  if (!at) {
+    // Rays start off surfaces, beside the line, and may meet a neighbour of what it crosses: again, from just before that.
+    const double before = hit->t * (1 - kBefore);
+    hit = find_hit(rays, near, {Vec3f(near + d * before), ray.d, 0, kInfinity, t}, from);
+    if (hit) at = rays.refine(*hit, near, d, t);
+    if (!at) return std::nullopt;
+  }
   Crossing crossing{hit->point, at->u, at->v};
   crossing.point.u = float(at->u), crossing.point.v = float(at->v);  // the ray starts off the line
   return crossing;
