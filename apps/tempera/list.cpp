@@ -42,7 +42,7 @@ std::vector<CatalogItem> layer_items() {
   if (!layers::chain_motion().empty()) {
     out.push_back(
         {"chain.<letters>.motion", "short for motion.forward, motion.backward and motion.state of a chain", {}});
-    out.push_back({"chain_motion", "short for those of the chains " + common, {}});
+    out.push_back({"chain_motion", "short for those of the chains " + common + ", without D", {}});
   }
   out.push_back({"cryptomatte", "short for CryptoObject00 to CryptoObject02", {}});
   return out;

@@ -49,7 +49,7 @@ TEST_F(CliOutput, ChainMotionIsThereOrSaidToBeMissing) {
   if (layers::chain_motion().empty()) {
     EXPECT_EQ(listed.out.find("chain_motion"), std::string::npos);
     EXPECT_EQ(listed.out.find(".motion.state"), std::string::npos);
-    EXPECT_EQ(asked.status, 3);
+    EXPECT_EQ(asked.status, 2);
     EXPECT_NE(asked.err.find("-DTEMPERA_PATH_SPACE_MOTION=ON"), std::string::npos) << asked.err;
     EXPECT_TRUE(files().empty());
     return;

@@ -102,8 +102,8 @@ class ChainTracker {
     if (const MotionState s = look_again(path); s != MotionState::kTracked) return {s};
     // Where nothing has moved, rounding has not either.
     if (stands_still(chain, path, ends)) path.vertices = chain.path.vertices, path.last = chain.path.last;
-    const auto from = context_.camera.project(seen_point(chain.path), now_);
-    const auto to = context_.camera.project(seen_point(path), then);
+    const auto from = context_.camera.project_double(seen_point(chain.path), now_);
+    const auto to = context_.camera.project_double(seen_point(path), then);
     if (!from || !to) return {MotionState::kOutside};
     const Vec2d pixels{to->x - from->x, to->y - from->y};
     if (bends && strays(chain.path, ends, then, {to->x, to->y}) && !returns(path, ends, tolerance, {from->x, from->y}))
@@ -297,14 +297,14 @@ class ChainTracker {
   /// Whether the path is far from where its first motion led.
   bool strays(const SpecularChain& start, const ChainEnds& ends, double then, const Vec2d& to) const {
     const auto predicted = predict(matter_, ends, start, then - now_);
-    const auto seen = predicted ? context_.camera.project(*predicted, then) : std::nullopt;
+    const auto seen = predicted ? context_.camera.project_double(*predicted, then) : std::nullopt;
     const double most = kFar * std::max(context_.settings.width, context_.settings.height);
     return !seen || length(Vec2d{seen->x, seen->y} - to) > most;
   }
   /// Whether a walk back leads to where it began.
   bool returns(SpecularChain path, const ChainEnds& ends, double tolerance, const Vec2d& from) const {
     if (walk_in_time(matter_, ends, now_, tolerance, path) != WalkState::kDone) return false;
-    const auto back = context_.camera.project(seen_point(path), now_);
+    const auto back = context_.camera.project_double(seen_point(path), now_);
     return back && length(Vec2d{back->x, back->y} - from) <= kReturn;
   }
 

@@ -147,7 +147,7 @@ std::string states(const Frame& f, const std::string& chain, int step) {
   std::string text = chain;
   for (int k = 0; k < kMotionStates; ++k) {
     const int n = count(f, chain, MotionState(k), step > 0 ? 0 : 1);
-    if (n > 0) text += " " + std::to_string(k) + ": " + std::to_string(n);
+    if (n > 0) text.append(1, ' ').append(std::to_string(k)).append(": ").append(std::to_string(n));
   }
   return text;
 }
@@ -502,8 +502,8 @@ TEST(ChainMotion, ThereAndBack) {
       if (walk_in_time(matter, ends, 1, 1e-9, path, &steps) != WalkState::kDone) continue;
       ++done;
       if (walk_in_time(matter, ends, 0, 1e-9, path) != WalkState::kDone) continue;
-      const auto a = camera.project(first_bend(begin)->surface.p, 0),
-                 b = camera.project(first_bend(path)->surface.p, 0);
+      const auto a = camera.project_double(first_bend(begin)->surface.p, 0),
+                 b = camera.project_double(first_bend(path)->surface.p, 0);
       returned += length(*a - *b) < 1e-4;
     }
   }

@@ -248,7 +248,9 @@ std::vector<LayerDesc> parse_layer_names(std::string_view text, const SourceLoc&
     } else if (name == "chains") {
       for (const char* chain : layers::kCommonChains) add_chain(chain, layers::chain_features());
     } else if (name == "chain_motion") {
-      for (const char* chain : layers::kCommonChains) add_chain(chain, layers::chain_motion());
+      for (const char* chain : layers::kCommonChains) {
+        if (std::string_view(chain) != "D") add_chain(chain, layers::chain_motion());  // "motion" has that
+      }
     } else if (name == "cryptomatte") {
       for (int rank = 0; rank < 3; ++rank) add(layers::crypto(rank));
     } else if (auto d = layers::find(name)) {

@@ -204,12 +204,12 @@ std::optional<Vec2d> CameraModel::to_pixel(double x, double y) const {
 }
 
 std::optional<CameraModel::Projected> CameraModel::project(const Vec3f& point, double t) const {
-  const auto p = project(Vec3d(point), t);
+  const auto p = project_double(Vec3d(point), t);
   if (!p) return std::nullopt;
   return Projected{{float(p->x), float(p->y)}, float(p->z)};
 }
 
-std::optional<Vec3d> CameraModel::project(const Vec3d& point, double t) const {
+std::optional<Vec3d> CameraModel::project_double(const Vec3d& point, double t) const {
   return with_pose(t, [&](const Pose& p) -> std::optional<Vec3d> {
     const Affine3d& m = p.world_from_camera;
     const Vec3d local = inverse(Affine3d{m.x, m.y, m.z}).vector(point - m.translation);

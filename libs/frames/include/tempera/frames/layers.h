@@ -146,8 +146,8 @@ const std::vector<LayerDesc>& chain_features();
 /// What chains can have of motion: motion.forward, motion.backward, motion.state; none of it if the program was built
 /// without TEMPERA_PATH_SPACE_MOTION.
 const std::vector<LayerDesc>& chain_motion();
-/// Chains that the short forms "chains" and "chain_motion" stand for: what is seen directly, in a mirror, through a sheet, a
-/// solid, and a vessel.
+/// Chains that the short forms "chains" and, without D, which "motion" has, "chain_motion" stand for: what is seen directly,
+/// in a mirror, through a sheet, a solid, and a vessel.
 inline constexpr const char* kCommonChains[] = {"D", "RD", "TD", "TTD", "TTTTD"};
 /// The descriptor of any name of the vocabulary, with class.*, chain.*, offset.* and Crypto* layers; none for other names.
 std::optional<LayerDesc> find(std::string_view name);
@@ -155,7 +155,7 @@ std::optional<LayerDesc> find(std::string_view name);
 
 /// Reads a comma list of layer names as users write it. "motion" stands for both directions, "halves" for color.a and
 /// color.b, "cryptomatte" for CryptoObject00 to 02, "chain.<letters>" for all features of a chain, "chain.<letters>.motion"
-/// for its vectors and their states, "chains" and "chain_motion" for those of kCommonChains; each layer appears once.
+/// for its vectors and their states, "chains" and "chain_motion" for those of kCommonChains; each appears once.
 /// Errors: Error{kUnknownName} at `loc` with the nearest known names; Error{kUnsupported} for motion of chains if the
 /// program was built without it.
 std::vector<LayerDesc> parse_layer_names(std::string_view text, const SourceLoc& loc = {});

@@ -51,7 +51,7 @@ class CameraModel {
   };
   std::optional<Projected> project(const Vec3f& p, double t) const;
   /// The same in double: x and y on the film, and the distance along the view axis.
-  std::optional<Vec3d> project(const Vec3d& p, double t) const;
+  std::optional<Vec3d> project_double(const Vec3d& p, double t) const;
   /// Line of sight through film position `pixel` and the center of the lens at time t, in double: from its origin in unit
   /// direction d, seen between tmin and tmax. Orthographic cameras: the origin is in the plane of the camera.
   struct Sight {
