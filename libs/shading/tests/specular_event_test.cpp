@@ -41,6 +41,7 @@ TEST(SpecularEvents, OfCoatsMetalsAndPaint) {
   EXPECT_FALSE(event_of(make_conductor({.specular_reflectance = 0.0f}), kR, kFront)) << "sends nothing";
   EXPECT_FALSE(event_of(make_diffuse(0.5f), kR, kFront));
   MetallicRoughnessParams pane;
+  pane.metallic = 0.0f;
   pane.roughness = 0.2f;  // alpha 0.04
   pane.transmission = 1.0f;
   EXPECT_EQ(event_of(make_metallic_roughness(pane), kT, kFront)->eta, 1);
