@@ -30,9 +30,20 @@ std::vector<CatalogItem> layer_items() {
   };
   for (const LayerDesc& d : layers::known()) add(d, d.name);
   add(layers::class_layer("name", layers::color()), "class.<name>.color");
+  for (const std::vector<LayerDesc>* list : {&layers::chain_features(), &layers::chain_motion()}) {
+    for (const LayerDesc& d : *list) add(layers::chain_layer("RD", d), "chain.<letters>." + d.name);
+  }
   add(layers::crypto(0), "CryptoObject00");
   out.push_back({"motion", "short for motion.forward and motion.backward", {}});
   out.push_back({"halves", "short for color.a and color.b", {}});
+  out.push_back({"chain.<letters>", "short for all features of a chain", {}});
+  const std::string common = fmt::format("{}", fmt::join(layers::kCommonChains, ", "));
+  out.push_back({"chains", "short for all features of the chains " + common, {}});
+  if (!layers::chain_motion().empty()) {
+    out.push_back(
+        {"chain.<letters>.motion", "short for motion.forward, motion.backward and motion.state of a chain", {}});
+    out.push_back({"chain_motion", "short for those of the chains " + common + ", without D", {}});
+  }
   out.push_back({"cryptomatte", "short for CryptoObject00 to CryptoObject02", {}});
   return out;
 }

@@ -42,6 +42,24 @@ TEST_F(CliOutput, OneFrameIsOneFileAndSeveralAreNumbered) {
   EXPECT_EQ(files(), (Files{"a.0001.exr", "a.0002.exr", "a.exr"}));
 }
 
+// Motion of chains is an option of the build: its names are there or nowhere.
+TEST_F(CliOutput, ChainMotionIsThereOrSaidToBeMissing) {
+  const Outcome listed = run({"list", "layers"}),
+                asked = render("a.exr", {"--frames", "1", "--layers", "chain_motion"});
+  if (layers::chain_motion().empty()) {
+    EXPECT_EQ(listed.out.find("chain_motion"), std::string::npos);
+    EXPECT_EQ(listed.out.find(".motion.state"), std::string::npos);
+    EXPECT_EQ(asked.status, 2);
+    EXPECT_NE(asked.err.find("-DTEMPERA_PATH_SPACE_MOTION=ON"), std::string::npos) << asked.err;
+    EXPECT_TRUE(files().empty());
+    return;
+  }
+  EXPECT_NE(listed.out.find("chain.<letters>.motion.state"), std::string::npos) << listed.out;
+  ASSERT_EQ(asked.status, 0) << asked.err;
+  const auto desc = read_frame(path("a.exr")).layer("chain.TTTTD.motion.state");
+  EXPECT_EQ(desc.channels(), 2);
+}
+
 TEST_F(CliOutput, PatternsAndFolders) {
   for (const char* pattern :
        {"h/f.####.exr", "a/f.@@@@.exr", "p/f.%04d.exr", "s/f.$F4.exr", "k/f.<F4>.exr", "n/f.####"}) {

@@ -214,10 +214,21 @@ TEST(Cli, ListShowsTheManualOfStages) {
   EXPECT_NE(run({"list", "stages"}).out.find("reads: color, grad.x, grad.y: needed"), std::string::npos);
 }
 
+/// A page as a program that was built without motion of chains writes it.
+std::string without_chain_motion(const std::string& page) {
+  std::istringstream lines(page);
+  std::string kept;
+  for (std::string line; std::getline(lines, line);) {
+    if (!line.starts_with("| `chain.<letters>.motion") && !line.starts_with("| `chain_motion`")) kept += line + "\n";
+  }
+  return kept;
+}
+
 TEST_F(CliFiles, GeneratedPagesAreCurrent) {
   ASSERT_EQ(run({"docs", "--out", folder_.string()}).status, 0);
   for (const char* page : {"commands.md", "shot.md", "gallery.md"}) {
-    EXPECT_EQ(text_of(path(page)), text_of(source_file(std::string("docs/") + page)))
+    const std::string whole = text_of(source_file(std::string("docs/") + page));
+    EXPECT_EQ(text_of(path(page)), layers::chain_motion().empty() ? without_chain_motion(whole) : whole)
         << "docs/" << page << " is out of date; run: tempera docs --out docs";
   }
 }

@@ -68,6 +68,7 @@ LayerDesc uv() { return {"uv", {"U", "V"}, units::kTexture, Combine::kFirst}; }
 LayerDesc emission() { return {"emission", kRgb, units::kRadiance, Combine::kMean}; }
 LayerDesc motion_forward() { return {"motion.forward", kXyzv, units::kPixels, Combine::kFirst}; }
 LayerDesc motion_backward() { return {"motion.backward", kXyzv, units::kPixels, Combine::kFirst}; }
+LayerDesc motion_state() { return {"motion.state", {"F", "B"}, units::kMotionState, Combine::kId}; }
 LayerDesc grad_x() { return {"grad.x", kRgb, units::kRadianceDifference, Combine::kMean, LayerRole::kReconstruction}; }
 LayerDesc grad_y() { return {"grad.y", kRgb, units::kRadianceDifference, Combine::kMean, LayerRole::kReconstruction}; }
 LayerDesc grad_t() { return {"grad.t", kRgb, units::kRadianceDifference, Combine::kMean, LayerRole::kReconstruction}; }
@@ -121,6 +122,15 @@ const std::vector<LayerDesc>& chain_features() {
   return list;
 }
 
+const std::vector<LayerDesc>& chain_motion() {
+#ifdef TEMPERA_PATH_SPACE_MOTION
+  static const std::vector<LayerDesc> list{motion_forward(), motion_backward(), motion_state()};
+#else
+  static const std::vector<LayerDesc> list;
+#endif
+  return list;
+}
+
 LayerDesc offset(const LayerDesc& base) {
   LayerDesc d = base;
   d.name = "offset." + base.name;
@@ -156,9 +166,13 @@ std::optional<LayerDesc> find(std::string_view name) {
   if (name.starts_with("chain.")) {
     const std::string_view rest = name.substr(6);
     const auto dot = std::min(rest.find('.'), rest.size());
-    if (!is_chain(rest.substr(0, dot)) && rest.substr(0, dot) != kAnyChain) return std::nullopt;
-    for (const LayerDesc& d : chain_features()) {
-      if (d.name == rest.substr(std::min(dot + 1, rest.size()))) return chain_layer(rest.substr(0, dot), d);
+    const std::string_view letters = rest.substr(0, dot);
+    if (!is_chain(letters) && letters != kAnyChain) return std::nullopt;
+    for (const std::vector<LayerDesc>* list : {&chain_features(), &chain_motion()}) {
+      if (list == &chain_motion() && letters == kAnyChain) break;  // nothing moves as all together
+      for (const LayerDesc& d : *list) {
+        if (d.name == rest.substr(std::min(dot + 1, rest.size()))) return chain_layer(letters, d);
+      }
     }
     return std::nullopt;
   }
@@ -188,6 +202,20 @@ std::optional<LayerDesc> find(std::string_view name) {
 }
 }  // namespace layers
 
+namespace {
+
+/// Whether a name is that of motion of chains, of one or of all.
+bool is_chain_motion(std::string_view name) {
+  if (name == "chain_motion") return true;
+  if (!name.starts_with("chain.")) return false;
+  const std::string_view rest = name.substr(6);
+  const auto dot = std::min(rest.find('.'), rest.size());
+  return layers::is_chain(rest.substr(0, dot)) &&
+         (rest.substr(dot) == ".motion" || rest.substr(dot).starts_with(".motion."));
+}
+
+}  // namespace
+
 std::vector<LayerDesc> parse_layer_names(std::string_view text, const SourceLoc& loc) {
   std::vector<LayerDesc> result;
   const auto add = [&](LayerDesc d) {
@@ -200,22 +228,43 @@ std::vector<LayerDesc> parse_layer_names(std::string_view text, const SourceLoc&
     while (!name.empty() && std::isspace(static_cast<unsigned char>(name.front()))) name.remove_prefix(1);
     while (!name.empty() && std::isspace(static_cast<unsigned char>(name.back()))) name.remove_suffix(1);
     if (name.empty()) continue;
-    if (name == "motion") {
+    const auto add_chain = [&](std::string_view letters, const std::vector<LayerDesc>& what) {
+      for (const LayerDesc& d : what) add(layers::chain_layer(letters, d));
+    };
+    if (layers::chain_motion().empty() && is_chain_motion(name)) {
+      throw Error(ErrorCode::kUnsupported, loc,
+                  fmt::format("the layer \"{}\" is of a part that this program was built without; building it with "
+                              "-DTEMPERA_PATH_SPACE_MOTION=ON adds it",
+                              name));
+    }
+    const std::string_view letters = name.starts_with("chain.") ? name.substr(6) : "",
+                           moving = letters.substr(0, letters.find('.'));
+    if (layers::is_chain(letters) || letters == layers::kAnyChain) {
+      add_chain(letters, layers::chain_features());
+    } else if (layers::is_chain(moving) && letters.substr(moving.size()) == ".motion") {
+      add_chain(moving, layers::chain_motion());
+    } else if (name == "motion") {
       add(layers::motion_forward()), add(layers::motion_backward());
     } else if (name == "halves") {
       add(layers::color_a()), add(layers::color_b());
     } else if (name == "chains") {
+      for (const char* chain : layers::kCommonChains) add_chain(chain, layers::chain_features());
+    } else if (name == "chain_motion") {
       for (const char* chain : layers::kCommonChains) {
-        for (const LayerDesc& d : layers::chain_features()) add(layers::chain_layer(chain, d));
+        if (std::string_view(chain) != "D") add_chain(chain, layers::chain_motion());  // "motion" has that
       }
     } else if (name == "cryptomatte") {
       for (int rank = 0; rank < 3; ++rank) add(layers::crypto(rank));
     } else if (auto d = layers::find(name)) {
       add(std::move(*d));
     } else {
-      std::vector<std::string> names{
-          "motion",        "halves", "cryptomatte", "chains", "class.<name>.color", "chain.<letters>.<feature>",
-          "offset.<layer>"};
+      std::vector<std::string> names{"motion",          "halves",
+                                     "cryptomatte",     "chains",
+                                     "chain.<letters>", "class.<name>.color",
+                                     "offset.<layer>",  "chain.<letters>.<feature>"};
+      if (!layers::chain_motion().empty()) {
+        for (const char* more : {"chain_motion", "chain.<letters>.motion"}) names.push_back(more);
+      }
       for (const LayerDesc& k : layers::known()) names.push_back(k.name);
       const std::size_t all = names.size();
       throw Error(ErrorCode::kUnknownName, loc,

@@ -75,6 +75,32 @@ TEST(Layers, ParsesUserInput) {
   EXPECT_TRUE(parse_layer_names("").empty());
 }
 
+TEST(Layers, ChainsByNameAndInGroups) {
+  const std::vector<std::string> features = names_of(parse_layer_names("chain.TTTTD"));
+  EXPECT_EQ(features, (std::vector<std::string>{"chain.TTTTD.albedo", "chain.TTTTD.normal", "chain.TTTTD.emission",
+                                                "chain.TTTTD.depth", "chain.TTTTD.object_id"}));
+  EXPECT_EQ(names_of(parse_layer_names("chains")).size(), 5 * features.size());
+  EXPECT_EQ(test::error_of([] { parse_layer_names("chain.TRX"); }).code(), ErrorCode::kUnknownName);
+  if (layers::chain_motion().empty()) {
+    for (const char* name : {"chain_motion", "chain.RD.motion", "chain.RD.motion.forward", "chain.D.motion.state"}) {
+      const Error e = test::error_of([&] { parse_layer_names(name, {"shot.toml", 4, 9}); });
+      EXPECT_EQ(e.code(), ErrorCode::kUnsupported) << name;
+      EXPECT_NE(e.message().find("TEMPERA_PATH_SPACE_MOTION"), std::string::npos) << e.message();
+      EXPECT_EQ(e.message().find('\n'), std::string::npos);
+      EXPECT_FALSE(layers::find(name));
+    }
+    return;
+  }
+  const std::vector<std::string> motion = names_of(parse_layer_names("chain.RD.motion"));
+  EXPECT_EQ(motion,
+            (std::vector<std::string>{"chain.RD.motion.forward", "chain.RD.motion.backward", "chain.RD.motion.state"}));
+  EXPECT_EQ(names_of(parse_layer_names("chain_motion")).size(), 4 * motion.size()) << "all but D, which \"motion\" has";
+  const LayerDesc state = *layers::find("chain.RD.motion.state");
+  EXPECT_EQ(state.chain, "RD");
+  EXPECT_EQ(state.combine, Combine::kId);
+  EXPECT_FALSE(layers::find("motion.state")) << "of chains alone";
+}
+
 TEST(Layers, UnknownNamesListTheKnownOnesNearestFirst) {
   const Error e = test::error_of([] { parse_layer_names("albedo,normals", {"shot.toml", 4, 9}); });
   EXPECT_EQ(e.code(), ErrorCode::kUnknownName);

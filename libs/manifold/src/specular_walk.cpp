@@ -8,24 +8,7 @@ namespace tempera {
 
 namespace {
 
-constexpr int kMaxSteps = 20;                    // of a spatial walk [Jakob 2012, Sec. 4.2]
-constexpr double kLeastStep = 1.0 / 1024;        // of a spatial one, as a part of what the linear system says
-constexpr double kLeastTime = 1.0 / 64;          // of a temporal one, as a part of the way
 constexpr double kGrazing = 1e-4, kFlat = 1e-6;  // cosines
-
-std::vector<SpecularVertex> specular_of(const SpecularChain& chain) {
-  std::vector<SpecularVertex> out;
-  out.reserve(chain.vertices.size());
-  for (const ChainVertex& v : chain.vertices) out.push_back(v.specular);
-  return out;
-}
-
-/// An infinite end's parameters: across its direction.
-ChainEnd across(const Vec3d& d, const ChainEnd& like) {
-  const Vec3d helper = std::abs(d.x) < 0.6 ? Vec3d{1, 0, 0} : Vec3d{0, 1, 0};
-  const Vec3d u = normalize(cross(helper, d));
-  return {true, d, u, cross(d, u), like.dpdt};
-}
 
 /// What is missing from the end of `chain` to `last`, and by which change of the parameters that would be made up for.
 struct Gap {
@@ -41,17 +24,48 @@ Gap gap_of(const SpecularChain& chain, const ChainEnd& last) {
   return {r, {(vv * ru - uv * rv) / det, (uu * rv - uv * ru) / det}};
 }
 
-/// The chain again, through matter at time t, with its second vertex near `aim`.
-std::optional<SpecularChain> again(const ChainMatter& matter, const SpecularChain& like, const ChainEnd& first,
-                                   const Vec3d& aim, const ChainEnd& last, const Vec3d& last_normal, double t,
-                                   WalkState& why) {
-  std::vector<bool> refracts;
-  refracts.reserve(like.vertices.size());
-  for (const ChainVertex& v : like.vertices) refracts.push_back(v.refracts);
-  return trace_chain(matter, first, aim, last, last_normal, refracts, t, &like, &why);
+}  // namespace
+
+std::vector<SpecularVertex> bends_of(const SpecularChain& chain) {
+  std::vector<SpecularVertex> out;
+  out.reserve(chain.vertices.size());
+  for (const ChainVertex& v : chain.vertices) {
+    if (!v.straight()) out.push_back(v.specular);
+  }
+  return out;
 }
 
-}  // namespace
+const SpecularVertex* first_bend(const SpecularChain& chain) {
+  for (const ChainVertex& v : chain.vertices) {
+    if (!v.straight()) return &v.specular;
+  }
+  return nullptr;
+}
+
+ChainEnd infinite_end(const Vec3d& d, const Vec3d& dpdt) {
+  const Vec3d helper = std::abs(d.x) < 0.6 ? Vec3d{1, 0, 0} : Vec3d{0, 1, 0};
+  const Vec3d u = normalize(cross(helper, d));
+  return {true, d, u, cross(d, u), dpdt};
+}
+
+WalkState bend(const SpecularVertex& vertex, bool refracts, const Vec3d& w, Vec3d& d) {
+  const SurfaceFrame& f = vertex.surface;
+  if (refracts && vertex.eta == 1) {
+    d = -w;
+    return WalkState::kDone;
+  }
+  const double cosine = dot(w, f.n), side = dot(w, f.ng);
+  if (!(std::abs(cosine) >= kGrazing) || !(cosine * side > 0)) return WalkState::kMissed;
+  if (refracts) {
+    const Vec3d along = (w - f.n * cosine) * (-1 / vertex.eta);
+    const double rest = 1 - dot(along, along);
+    if (!(rest > 0)) return WalkState::kTotal;
+    d = along - f.n * std::copysign(std::sqrt(rest), cosine);
+  } else {
+    d = f.n * (2 * cosine) - w;
+  }
+  return (dot(d, f.ng) * side < 0) == refracts ? WalkState::kDone : WalkState::kMissed;
+}
 
 std::optional<SpecularChain> trace_chain(const ChainMatter& matter, const ChainEnd& first, const Vec3d& aim,
                                          const ChainEnd& last, const Vec3d& last_normal,
@@ -65,7 +79,7 @@ std::optional<SpecularChain> trace_chain(const ChainMatter& matter, const ChainE
   Vec3d d = first.infinite ? -first.p : normalize(aim - first.p);
   // Parallel rays start far enough before the aim to meet all that lies there.
   Vec3d o = first.infinite ? aim + first.p * (1e3 * std::max(1.0, length(aim))) : first.p;
-  const ChainMatter::Crossing* from = nullptr;
+  const ChainVertex* from = nullptr;
   chain.vertices.reserve(refracts.size());
   for (std::size_t i = 0; i < refracts.size(); ++i) {
     const auto at = matter.meet(o, d, t, from);
@@ -75,28 +89,18 @@ std::optional<SpecularChain> trace_chain(const ChainMatter& matter, const ChainE
       if (at->point.instance != was.instance || at->point.shape != was.shape) return fail(WalkState::kMissed);
     }
     const SurfaceFrame f = matter.surface(*at, t);
-    const auto eta = matter.eta(*at, -d, refracts[i], t);
+    const auto eta = matter.eta(*at, f, -d, refracts[i], t);
     if (!eta) return fail(WalkState::kMissed);
     // From the outside before, from the inside now: another path.
     if (like && refracts[i] && (*eta > 1) != (like->vertices[i].specular.eta > 1)) return fail(WalkState::kMissed);
-    const Vec3d w = -d;
-    const double cosine = dot(w, f.n);
-    if (!(std::abs(cosine) >= kGrazing)) return fail(WalkState::kMissed);
-    if (cosine * dot(w, f.ng) <= 0) return fail(WalkState::kMissed);
-    if (refracts[i]) {
-      const Vec3d along = (w - f.n * cosine) * (-1 / *eta);
-      const double rest = 1 - dot(along, along);
-      if (!(rest > 0)) return fail(WalkState::kTotal);
-      d = along - f.n * std::copysign(std::sqrt(rest), cosine);
-    } else {
-      d = f.n * (2 * cosine) - w;
-    }
-    if ((dot(d, f.ng) * dot(w, f.ng) < 0) != refracts[i]) return fail(WalkState::kMissed);
     chain.vertices.push_back({*at, refracts[i], {f, *eta}});
-    o = f.p, from = &chain.vertices.back().at;
+    from = &chain.vertices.back();
+    const WalkState bent = bend(from->specular, refracts[i], -d, d);
+    if (bent != WalkState::kDone) return fail(bent);
+    o = f.p;
   }
   if (last.infinite) {
-    chain.last = across(d, last);
+    chain.last = infinite_end(d, last.dpdt);
   } else {
     // The plane of the last end rather than what the scene shows there.
     Vec3d n = last_normal;
@@ -109,71 +113,50 @@ std::optional<SpecularChain> trace_chain(const ChainMatter& matter, const ChainE
   return chain;
 }
 
+std::optional<SpecularChain> retrace_chain(const ChainMatter& matter, const SpecularChain& like, const ChainEnd& first,
+                                           const Vec3d& aim, const ChainEnd& last, const Vec3d& last_normal, double t,
+                                           WalkState& why) {
+  std::vector<bool> refracts;
+  refracts.reserve(like.vertices.size());
+  for (const ChainVertex& v : like.vertices) refracts.push_back(v.refracts);
+  return trace_chain(matter, first, aim, last, last_normal, refracts, t, &like, &why);
+}
+
 WalkState walk_in_space(const ChainMatter& matter, const ChainEnd& last, const Vec3d& last_normal, double tolerance,
-                        SpecularChain& chain, WalkCounts* counts) {
+                        SpecularChain& chain, WalkCounts* counts, const StepLimits& limits) {
   double beta = 1;
   Gap gap = gap_of(chain, last);
-  for (int step = 0; step < kMaxSteps; ++step) {
+  for (int step = 0; step < limits.steps; ++step) {
     if (length(gap.r) <= tolerance) {
       chain.last = last, chain.last_normal = last_normal;
       return WalkState::kDone;
     }
-    const std::vector<SpecularVertex> specular = specular_of(chain);
+    const std::vector<SpecularVertex> specular = bends_of(chain);
+    if (specular.empty()) return WalkState::kStuck;  // where it is aimed at decides alone
     const SpecularSystem system(chain.first, specular, chain.last);
     if (system.singular()) return WalkState::kSingular;
     const Vec2d q = system.solve({}, gap.q, 0)[0];
     const SurfaceFrame& f = specular[0].surface;
     WalkState why = WalkState::kStuck;
     for (;; beta /= 2) {
-      if (beta < kLeastStep) return why;
+      if (beta < limits.least) return why;
+      if (counts && counts->spent()) return WalkState::kStuck;
       if (counts) ++counts->spatial;
-      const auto next = again(matter, chain, chain.first, f.p + (f.dpdu * q.x + f.dpdv * q.y) * beta, last, last_normal,
-                              chain.time, why);
+      auto next = retrace_chain(matter, chain, chain.first, f.p + (f.dpdu * q.x + f.dpdv * q.y) * beta, last,
+                                last_normal, chain.time, why);
       if (!next) continue;
       const Gap left = gap_of(*next, last);
       if (!(dot(left.r, left.r) < dot(gap.r, gap.r))) {
         why = WalkState::kStuck;
         continue;
       }
-      chain = *next, gap = left;
+      chain = std::move(*next), gap = left;
       break;
     }
     beta = std::min(1.0, 2 * beta);
   }
   if (length(gap.r) > tolerance) return WalkState::kStuck;
   chain.last = last, chain.last_normal = last_normal;
-  return WalkState::kDone;
-}
-
-WalkState walk_in_time(const ChainMatter& matter, const ChainEnds& ends, double to, double tolerance,
-                       SpecularChain& chain, WalkCounts* counts) {
-  const double whole = to - chain.time;
-  double dt = whole;
-  while (chain.time != to) {
-    const std::vector<SpecularVertex> specular = specular_of(chain);
-    const SpecularSystem system(chain.first, specular, chain.last);
-    if (system.singular()) return WalkState::kSingular;
-    const Vec2d rate = system.solve({}, {}, 1)[0];
-    WalkState why = WalkState::kStuck;
-    for (;; dt /= 2) {
-      if (std::abs(dt) < kLeastTime * std::abs(whole)) return why;
-      if (counts) ++counts->temporal;
-      const double t = dt == to - chain.time ? to : chain.time + dt;
-      const ChainEnd first = ends.first(t), last = ends.last(t);
-      const Vec3d normal = ends.last_normal(t);
-      // Where the matter of the second vertex will be, and how far the path will have slid over it.
-      const SurfaceFrame f = matter.surface(chain.vertices[0].at, t);
-      const Vec3d aim = f.p + (f.dpdu * rate.x + f.dpdv * rate.y) * dt;
-      auto next = again(matter, chain, first, aim, last, normal, t, why);
-      if (!next) continue;
-      why = walk_in_space(matter, last, normal, tolerance, *next, counts);
-      if (why != WalkState::kDone) continue;
-      chain = *next;
-      break;
-    }
-    const double left = to - chain.time;
-    dt = std::abs(2 * dt) < std::abs(left) ? 2 * dt : left;
-  }
   return WalkState::kDone;
 }
 

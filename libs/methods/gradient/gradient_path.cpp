@@ -2,7 +2,7 @@
 // Gradient-domain path tracing of single frames. [Kettunen 2015]
 #include "gradient_pass.h"
 #include "tempera/methods/method.h"
-#include "tempera/transport/pixel_motion.h"
+#include "tempera/methods/motion_layers.h"
 #include "tempera/transport/tile_film.h"
 
 namespace tempera {
@@ -43,13 +43,17 @@ class GradientPath final : public Method {
   std::unique_ptr<SectionState> begin(const SceneWindow& window) const override {
     return std::make_unique<GradientState>(window.settings(), options_);
   }
+  void begin_pass(const SceneWindow& window, SectionState* /*state*/, int /*pass*/,
+                  std::span<const Image> /*reads*/) const override {
+    prepare_motion_layers(window);
+  }
   void run(const SceneWindow& window, SectionState* state, const Unit& unit, UnitOutput& out, RenderCounters& counters,
            std::stop_token stop) const override {
     const FrameContext& context = window.frame(unit.frame);
     const GradientBatches& batches = static_cast<const GradientState*>(state)->batches;
     if (batches.render(context, options_, unit.pass, unit.tile, out, counters, stop) &&
         unit.pass + 1 == batches.count()) {
-      write_motion(context, unit.tile, out.picture());
+      write_motion_layers(window, unit, out);
     }
   }
   void end_pass(const SceneWindow& window, SectionState* state, int pass, const PassResult& result) const override {

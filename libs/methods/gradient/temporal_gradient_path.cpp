@@ -11,6 +11,7 @@
 
 #include "gradient_pass.h"
 #include "tempera/methods/method.h"
+#include "tempera/methods/motion_layers.h"
 #include "tempera/transport/pixel_motion.h"
 #include "tempera/transport/tile_film.h"
 
@@ -107,6 +108,7 @@ class TemporalGradientPath final : public Method {
     const int frame = window.section().first;
     replay.map = make_replay_map(window.middle_of_frame_before(frame), window.frame(frame));
     if (!reads.empty()) replay.samples_before = reads[0];
+    prepare_motion_layers(window);
   }
   void run(const SceneWindow& window, SectionState* state, const Unit& unit, UnitOutput& out, RenderCounters& counters,
            std::stop_token stop) const override {
@@ -115,7 +117,7 @@ class TemporalGradientPath final : public Method {
     if (unit.pass < replay.base.count()) {
       replay.base.render(context, options_, unit.pass, unit.tile, out, counters, stop);
     } else if (render_offset(context, replay, unit.tile, out.picture(), counters, stop)) {
-      write_motion(context, unit.tile, out.picture());
+      write_motion_layers(window, unit, out);
     }
   }
   void end_pass(const SceneWindow& window, SectionState* state, int pass, const PassResult& result) const override {

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Path tracing with next-event estimation and multiple importance sampling.
 #include "tempera/methods/method.h"
+#include "tempera/methods/motion_layers.h"
 #include "tempera/transport/path_tracer.h"
-#include "tempera/transport/pixel_motion.h"
 #include "tempera/transport/tile_film.h"
 
 namespace tempera {
@@ -45,6 +45,10 @@ class PathMethod final : public Method {
     return {{.name = "samples"}};
   }
   bool renders_single_pixels() const override { return adaptive_error_ == 0; }
+  void begin_pass(const SceneWindow& window, SectionState* /*state*/, int /*pass*/,
+                  std::span<const Image> /*reads*/) const override {
+    prepare_motion_layers(window);
+  }
 
   void run(const SceneWindow& window, SectionState* /*state*/, const Unit& unit, UnitOutput& out,
            RenderCounters& counters, std::stop_token stop) const override {
@@ -68,7 +72,7 @@ class PathMethod final : public Method {
     }
     if (!sample_features(context, tile, out, film, rays, stop)) return;
     film.write(out.picture());
-    write_motion(context, tile, out.picture());
+    write_motion_layers(window, unit, out);
     counters.samples += samples;
     counters.rays += rays;
     counters.shadow_rays += shadow_rays;

@@ -65,6 +65,7 @@ TEST(Section, AMethodOverABlockOfFramesThatIgnoresItsNeighboursHasTheBitsOfPath)
 TEST(Section, ASparseRenderGivesExactlyThePixelsOfTheFullOne) {
   BoxShot shot = moving_shot();
   shot.settings.layers = {"color", "color.a", "color.var", "albedo", "normal", "motion.backward"};
+  if (!layers::chain_motion().empty()) shot.settings.layers.push_back("chain.D.motion.forward");
   for (const char* name : {"path", "light_path"}) {
     shot.integrator = name;
     if (shot.integrator == "light_path") shot.settings.layers = {"color", "albedo", "normal"};

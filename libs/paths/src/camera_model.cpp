@@ -185,21 +185,39 @@ CameraRay CameraModel::ray(const Vec2f& pixel, const Vec2f& lens, double t) cons
   });
 }
 
-std::optional<Vec2f> CameraModel::to_pixel(double x, double y) const {
+CameraModel::Sight CameraModel::sight(const Vec2d& pixel, double t) const {
+  return with_pose(t, [&](const Pose& p) -> Sight {
+    const Affine3d& m = p.world_from_camera;
+    const double x = (1 - 2 * (pixel.x / size_.x - offset_.x)) * p.half_width;
+    const double y = (1 - 2 * (pixel.y / size_.y - offset_.y)) * p.half_height;
+    if (!perspective_) return {m.translation + m.x * x + m.y * y, m.z, near_, far_};
+    const Vec3d d = m.vector({x, y, 1});
+    const double per_metre = length(d);
+    return {m.translation, d * (1 / per_metre), near_ * per_metre, far_ * per_metre};
+  });
+}
+
+std::optional<Vec2d> CameraModel::to_pixel(double x, double y) const {
   const double reach = kReach * std::max(size_.x, size_.y);
   if (!(std::abs(0.5 * x * size_.x) <= reach && std::abs(0.5 * y * size_.y) <= reach)) return std::nullopt;
-  return Vec2f{float(size_.x * (0.5 - 0.5 * x + offset_.x)), float(size_.y * (0.5 - 0.5 * y + offset_.y))};
+  return Vec2d{size_.x * (0.5 - 0.5 * x + offset_.x), size_.y * (0.5 - 0.5 * y + offset_.y)};
 }
 
 std::optional<CameraModel::Projected> CameraModel::project(const Vec3f& point, double t) const {
-  return with_pose(t, [&](const Pose& p) -> std::optional<Projected> {
+  const auto p = project_double(Vec3d(point), t);
+  if (!p) return std::nullopt;
+  return Projected{{float(p->x), float(p->y)}, float(p->z)};
+}
+
+std::optional<Vec3d> CameraModel::project_double(const Vec3d& point, double t) const {
+  return with_pose(t, [&](const Pose& p) -> std::optional<Vec3d> {
     const Affine3d& m = p.world_from_camera;
-    const Vec3d local = inverse(Affine3d{m.x, m.y, m.z}).vector(Vec3d(point) - m.translation);
+    const Vec3d local = inverse(Affine3d{m.x, m.y, m.z}).vector(point - m.translation);
     if (perspective_ && !(local.z > 0)) return std::nullopt;
     const double scale = perspective_ ? 1 / local.z : 1;
     const auto pixel = to_pixel(local.x * scale / p.half_width, local.y * scale / p.half_height);
     if (!pixel) return std::nullopt;
-    return Projected{*pixel, float(local.z)};
+    return Vec3d{pixel->x, pixel->y, local.z};
   });
 }
 
@@ -225,7 +243,7 @@ std::optional<Importance> CameraModel::importance(const Vec3f& point, const Vec2
     const Vec3d d = (perspective_ ? m.vector({x, y, 1}) : m.z) - offset / p.focus;
     const double per_metre = length(d);
     Importance r;
-    r.pixel = *pixel;
+    r.pixel = Vec2f(*pixel);
     r.distance = float(z * per_metre);
     r.ray = {Vec3f(o), Vec3f(d * (1 / per_metre)), float(near_ * per_metre), float(far_ * per_metre)};
     // A pixel's part of the plane through the point, seen from the lens.
@@ -241,7 +259,9 @@ std::optional<Vec2f> CameraModel::project_direction(const Vec3f& d, double t) co
     const Affine3d& m = p.world_from_camera;
     const Vec3d local = inverse(Affine3d{m.x, m.y, m.z}).vector(Vec3d(d));
     if (!(local.z > 0)) return std::nullopt;
-    return to_pixel(local.x / local.z / p.half_width, local.y / local.z / p.half_height);
+    const auto pixel = to_pixel(local.x / local.z / p.half_width, local.y / local.z / p.half_height);
+    if (!pixel) return std::nullopt;
+    return Vec2f(*pixel);
   });
 }
 

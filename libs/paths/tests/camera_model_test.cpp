@@ -712,5 +712,36 @@ TEST(CameraModel, ErrorsNameTheCamera) {
   EXPECT_NO_THROW(model(fine));
 }
 
+// Lines of sight and film positions in double undo each other, and are those of rays but for rounding.
+TEST(CameraModel, SightInDouble) {
+  AnimatedTransform moving;
+  moving.keyed = true;
+  moving.translation = Animated<Vec3d>({0, 1}, {{1, 2, 3}, {2, 0, 3.5}}, Interpolation::kLinear);
+  moving.rotation = {
+      {0, 1}, {axis_angle(Vec3d{0, 1, 0}, 0.3), axis_angle(Vec3d{0, 1, 0}, 0.9)}, Interpolation::kLinear};
+  Camera c;
+  c.aperture_radius = 0.1f;
+  c.principal_offset = {0.1f, -0.05f};
+  for (const Projection projection : {Projection::kPerspective, Projection::kOrthographic}) {
+    c.projection = projection;
+    const Scene scene = scene_with(c, moving);
+    const CameraModel m = model(scene);
+    for (const double t : {0.0, 0.37, 1.0}) {
+      for (const Vec2d& pixel : {Vec2d{0.5, 0.5}, Vec2d{201.25, 37.125}, Vec2d{-40, 200}}) {
+        const CameraModel::Sight s = m.sight(pixel, t);
+        EXPECT_NEAR(length(s.d), 1, 1e-15);
+        const auto back = m.project_double(s.o + s.d * 3.7, t);
+        ASSERT_TRUE(back);
+        EXPECT_NEAR(back->x, pixel.x, 1e-10);
+        EXPECT_NEAR(back->y, pixel.y, 1e-10);
+        const CameraRay r = m.ray(Vec2f(pixel), {0.5f, 0.5f}, t);  // through the center of the lens
+        EXPECT_LT(length(Vec3d(r.d) - s.d), 1e-6);
+        EXPECT_LT(length(Vec3d(r.o) - s.o), 1e-6);
+        EXPECT_NEAR(r.tmin, s.tmin, 1e-6);
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace tempera

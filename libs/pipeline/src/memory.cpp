@@ -51,7 +51,8 @@ Parts estimate(const Shot& shot, const Scene& scene) {
   const RenderSettings& s = shot.settings;
   const TimeSpan exposure = s.clock.exposure(shot.frames.empty() ? s.clock.first : shot.frames[0]);
   const double step = s.clock.frame_duration() / shot.motion_segments;
-  const double knots = std::ceil(exposure.length() / step) + 2;
+  double knots = std::ceil(exposure.length() / step) + 2;
+  if (s.asks_for_chain_motion()) knots += std::ceil(2 * s.clock.frame_duration() / step) + 2;  // the frames around
   std::vector<int> uses(scene.groups.size(), 0);
   for (const Instance& i : scene.instances) ++uses[i.group];
   Parts p;

@@ -14,8 +14,10 @@ std::vector<std::string> chains_of(const Frame* out) {
   std::vector<std::string> chains;
   if (!out) return chains;
   for (const Layer& l : out->layers()) {
-    if (!l.desc.chain.empty() && std::find(chains.begin(), chains.end(), l.desc.chain) == chains.end())
-      chains.push_back(l.desc.chain);
+    const std::string& chain = l.desc.chain;
+    if (chain.empty() || std::find(chains.begin(), chains.end(), chain) != chains.end()) continue;
+    const auto is_this = [&](const LayerDesc& d) { return l.desc == layers::chain_layer(chain, d); };
+    if (std::any_of(layers::chain_features().begin(), layers::chain_features().end(), is_this)) chains.push_back(chain);
   }
   return chains;
 }

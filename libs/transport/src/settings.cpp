@@ -3,6 +3,7 @@
 
 #include <fmt/format.h>
 
+#include "tempera/frames/layers.h"
 #include "tempera/paths/light_path_expression.h"
 
 namespace tempera {
@@ -27,6 +28,15 @@ std::vector<std::string> chains_of_class(const PathClass& path_class) {
     prefixes.push_back({letters + "T", classifier.next(state, Event::kTransmission)});
   }
   return chains;
+}
+
+bool RenderSettings::asks_for_chain_motion() const {
+  return std::any_of(layers.begin(), layers.end(), [](const std::string& name) {
+    const auto desc = tempera::layers::find(name);
+    if (!desc || desc->chain.empty()) return false;
+    const auto is_this = [&](const LayerDesc& d) { return *desc == tempera::layers::chain_layer(desc->chain, d); };
+    return std::any_of(tempera::layers::chain_motion().begin(), tempera::layers::chain_motion().end(), is_this);
+  });
 }
 
 std::string RenderSettings::canonical() const {

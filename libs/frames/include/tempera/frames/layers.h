@@ -2,7 +2,9 @@
 #pragma once
 // The layer vocabulary: which named layers exist, their channels, units and how they combine when frames are merged,
 // filtered or resampled. Code that handles layers asks the descriptor, never the name.
+#include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -36,6 +38,9 @@ inline constexpr const char* kSquaredRadiance = "squared radiance";
 inline constexpr const char* kSeconds = "seconds";
 inline constexpr const char* kCount = "count";
 inline constexpr const char* kId = "identifier";
+inline constexpr const char* kMotionState =  // MotionState in words
+    "state: 0 empty, 1 tracked, 2 missed, 3 total, 4 singular, 5 stuck, 6 occluded, 7 branch, 8 cut, 9 perturbed, "
+    "10 outside";
 inline constexpr const char* kTexture = "texture coordinates";
 inline constexpr const char* kMask = "above 0 where set";
 }  // namespace units
@@ -50,6 +55,22 @@ enum class LayerRole {
 };
 /// "feature", "picture", "statistic", "reconstruction" or "mask".
 std::string_view to_string(LayerRole role);
+
+/// Whether there is a motion vector of what a chain shows, or why not: values of "chain.<letters>.motion.state".
+enum class MotionState : std::uint8_t {
+  kEmpty,      ///< the pixel has no such chain
+  kTracked,    ///< there is one, and what it leads to is seen there
+  kMissed,     ///< the path came to another surface or none, or to another side of it
+  kTotal,      ///< total reflection where it refracted
+  kSingular,   ///< at a fold (a caustic): the path does not follow from its ends
+  kStuck,      ///< no path was found in the steps that are allowed
+  kOccluded,   ///< something hides what the chain showed
+  kBranch,     ///< another path between the same ends was found: it does not lead back
+  kCut,        ///< there is a cut between the frames
+  kPerturbed,  ///< a bump or normal map turns a mirror's or glass's normal
+  kOutside,    ///< the camera does not see it: behind its plane, or far out of the picture
+};
+inline constexpr int kMotionStates = 11;
 
 /// A layer: an image of one meaning. EXR channels are `<name>.<channel>`; the layer `color` is plain R, G, B, A.
 struct LayerDesc {
@@ -84,6 +105,7 @@ LayerDesc uv();              ///< "uv" U,V: texture coordinates
 LayerDesc emission();        ///< "emission" R,G,B: radiance that the first surface emits
 LayerDesc motion_forward();  ///< "motion.forward" X,Y,Z,V: next - current place of what the pixel shows; never NaN
 LayerDesc motion_backward();  ///< "motion.backward" X,Y,Z,V: previous - current
+LayerDesc motion_state();     ///< "motion.state" F,B: MotionState forward and backward; of chains alone
 LayerDesc grad_x();           ///< "grad.x" R,G,B: I[p + x] - I[p]
 LayerDesc grad_y();           ///< "grad.y" R,G,B: I[p + y] - I[p]
 LayerDesc grad_t();           ///< "grad.t" R,G,B: I[next frame, same surface point] - I[p]
@@ -124,15 +146,21 @@ LayerDesc derived(const LayerDesc& base, std::string_view suffix);
 const std::vector<LayerDesc>& known();
 /// The features that chains can have: albedo, normal, emission, depth, object_id.
 const std::vector<LayerDesc>& chain_features();
-/// Chains that the short form "chains" stands for: what is seen directly, in a mirror, through a sheet and a solid.
-inline constexpr const char* kCommonChains[] = {"D", "RD", "TD", "TTD"};
+/// What chains can have of motion: motion.forward, motion.backward, motion.state; none of it if the program was built
+/// without TEMPERA_PATH_SPACE_MOTION.
+const std::vector<LayerDesc>& chain_motion();
+/// Chains that the short forms "chains" and, without D, which "motion" has, "chain_motion" stand for: what is seen directly,
+/// in a mirror, through a sheet, a solid, and a vessel.
+inline constexpr const char* kCommonChains[] = {"D", "RD", "TD", "TTD", "TTTTD"};
 /// The descriptor of any name of the vocabulary, with class.*, chain.*, offset.* and Crypto* layers; none for other names.
 std::optional<LayerDesc> find(std::string_view name);
 }  // namespace layers
 
 /// Reads a comma list of layer names as users write it. "motion" stands for both directions, "halves" for color.a and
-/// color.b, "chains" for all features of kCommonChains, "cryptomatte" for CryptoObject00 to 02; each layer appears once.
-/// Errors: Error{kUnknownName} at `loc` with the nearest known names.
+/// color.b, "cryptomatte" for CryptoObject00 to 02, "chain.<letters>" for all features of a chain, "chain.<letters>.motion"
+/// for its vectors and their states, "chains" and "chain_motion" for those of kCommonChains; each appears once.
+/// Errors: Error{kUnknownName} at `loc` with the nearest known names; Error{kUnsupported} for motion of chains if the
+/// program was built without it.
 std::vector<LayerDesc> parse_layer_names(std::string_view text, const SourceLoc& loc = {});
 
 }  // namespace tempera

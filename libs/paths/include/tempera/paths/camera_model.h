@@ -50,6 +50,15 @@ class CameraModel {
     float depth = 0;
   };
   std::optional<Projected> project(const Vec3f& p, double t) const;
+  /// The same in double: x and y on the film, and the distance along the view axis.
+  std::optional<Vec3d> project_double(const Vec3d& p, double t) const;
+  /// Line of sight through film position `pixel` and the center of the lens at time t, in double: from its origin in unit
+  /// direction d, seen between tmin and tmax. Orthographic cameras: the origin is in the plane of the camera.
+  struct Sight {
+    Vec3d o, d;
+    double tmin = 0, tmax = 0;
+  };
+  Sight sight(const Vec2d& pixel, double t) const;
   /// The importance of a world point at time t through lens point u in [0,1)^2; empty where the camera does not see it
   /// whatever is in between: behind or beyond its clipping planes, or farther from the picture than project() goes.
   ///
@@ -64,6 +73,7 @@ class CameraModel {
   std::optional<Importance> importance(const Vec3f& p, const Vec2f& lens, double t) const;
   /// The same for a direction, i.e. a point at infinity. Empty for orthographic cameras, too.
   std::optional<Vec2f> project_direction(const Vec3f& d, double t) const;
+  bool is_perspective() const { return perspective_; }
   /// World-space view axis (unit) at time t, and the position of the camera.
   Vec3f axis(double t) const;
   Vec3f position(double t) const;
@@ -93,7 +103,7 @@ class CameraModel {
     return knots_.empty() ? f(still_) : f(interpolate(t));
   }
   /// Film position of a point of the picture, in halves of its size from the center; empty beyond kReach.
-  std::optional<Vec2f> to_pixel(double x, double y) const;
+  std::optional<Vec2d> to_pixel(double x, double y) const;
 
   bool perspective_;
   Vec2d size_;     ///< of the film in pixels

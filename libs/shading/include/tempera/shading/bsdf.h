@@ -47,6 +47,14 @@ struct BsdfSample : BsdfEval {
   int lobe = 0;         ///< index of the sampled lobe
 };
 
+/// What a surface does by R or T (Event) as a smooth mirror or interface would: rough lobes of these events are taken
+/// for smooth ones. [Zimmer 2015, Sec. 4]
+struct SpecularEvent {
+  float eta =
+      1;    ///< index of refraction on the far side over that on the side of wo; 1: reflects, or passes straight on
+  Vec3f n;  ///< unit normal that it reflects or refracts about, of either side
+};
+
 /// A partly reflecting layer (coat, sheen) above lobes: it scales them by min(1 - A(wo), 1 - A(wi)), where A is the
 /// layer's directional albedo. Symmetric, so that reciprocity holds, and never gains energy [Estevez 2017, Sec. 4].
 struct BsdfLayer {
@@ -151,6 +159,9 @@ class Bsdf {
   /// The same of lobes that are D alone (Event), whether they reflect or transmit.
   /// `all`: albedo(wo), if that is known.
   Rgb diffuse_albedo(const Vec3f& wo, const Rgb* all = nullptr) const;
+  /// How light that is seen from `wo` is reflected (R) or transmitted (T) where that sends any: by the lobe whose normal
+  /// is nearest to `n`. Empty if none does. Pre: event is not kDiffuse.
+  std::optional<SpecularEvent> specular(Event event, const Vec3f& wo, const Vec3f& n) const;
   int size() const { return lobes_.size(); }
   const Lobe& lobe(int i) const { return lobes_[i].lobe; }
   /// Probability of choosing lobe i.

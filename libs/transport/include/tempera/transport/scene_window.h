@@ -35,12 +35,16 @@ class SceneWindow {
   /// included; points of a piece can be evaluated a frame before and after it. Built when it is first asked for: ask
   /// once, as `frame` does it takes a lock. Errors: those of RayScene.
   const SceneTimeline& timeline() const;
+  /// What is there from the middle of the exposure of the frame before `frame` to that of the frame after it, in all scan
+  /// lines; no further than to cuts. Built when it is first asked for, which begin_pass does. Errors: those of RayScene.
+  const SceneTimeline& neighbourhood(int frame) const;
   /// Bytes held by Embree and by vertex buffers, and pieces between jumps of the frames that were asked for.
   std::uint64_t memory() const;
   std::size_t piece_count() const;
 
  private:
   FrameScene& build(int frame) const;
+  std::unique_ptr<SceneTimeline> build_timeline(TimeSpan span) const;
 
   const Scene& scene_;
   const RenderSettings& settings_;
@@ -52,6 +56,7 @@ class SceneWindow {
   mutable std::mutex mutex_;
   mutable std::map<int, std::unique_ptr<FrameScene>> frames_;
   mutable std::map<int, std::unique_ptr<PrecedingFrame>> preceding_;
+  mutable std::map<int, std::unique_ptr<SceneTimeline>> neighbourhoods_;
   mutable std::unique_ptr<SceneTimeline> timeline_;
 };
 

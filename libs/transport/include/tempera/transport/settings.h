@@ -56,6 +56,7 @@ struct RenderSettings {
   int cryptomatte_depth = 6;
   /// First frames after a cut, in order: nothing looks across, so motion vectors are invalid there.
   std::vector<int> cuts;
+  bool asks_for_chain_motion() const;  ///< any of layers::chain_motion()
   bool is_cut(int frame) const { return std::binary_search(cuts.begin(), cuts.end(), frame); }
   std::string canonical() const;  ///< all fields as text, for metadata and resume
 
