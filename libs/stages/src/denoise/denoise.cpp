@@ -36,7 +36,9 @@ const std::vector<ParamSpec> kParams = {
     {"cuts", std::string(), "first frames of new shots, e.g. 25,61, where motion vectors do not say so"},
     {.name = "fireflies",
      .fallback = std::string("auto"),
-     .help = "hold brings what outshines the other half of the samples 4 times down to that; auto: with nl_means",
+     .help =
+         "hold brings what outshines the other half of the samples 4 times down to that; auto: with oidn, which copes "
+         "with most, 64 times",
      .choices = {"auto", "hold", "keep"}},
     {.name = "residuals",
      .fallback = std::string("yes"),

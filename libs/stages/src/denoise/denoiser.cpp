@@ -17,6 +17,8 @@ namespace {
 constexpr int kFew = 16;               ///< samples per pixel, up to which halves are too noisy to be denoised apart
 constexpr int kSome = 24;              ///< from which on classes may be filtered apart
 constexpr int kMany = 64;              ///< from which on the larger network costs less than the samples that it saves
+constexpr float kFirefly = 4;          ///< times the brightest of the other half around that a half may be
+constexpr float kOidnFirefly = 64;     ///< the same where Open Image Denoise copes with most of them
 constexpr float kWideLikeness = 0.4f;  ///< standard deviations that count as like in wide patches of noisy light
 
 }  // namespace
@@ -104,8 +106,8 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
       available_(run.in()[0].layers),
       radius_(available_.motion ? settings.radius : 0),
       oidn_(std::move(oidn)),
-      recipe_(settings.recipe),
-      hold_fireflies_(settings.hold_fireflies.value_or(!oidn_)) {
+      recipe_(settings.recipe) {
+  if (settings.hold_fireflies.value_or(true)) firefly_ = oidn_ && !settings.hold_fireflies ? kOidnFirefly : kFirefly;
   const Metadata metadata = read_metadata(run.path(run.frames().front()));
   // Classes whose light the first surface scatters belong together: they are divided by the same reflectance.
   std::vector<std::string> scattered;
@@ -327,7 +329,7 @@ Frame Denoiser::make(int frame) {
       for (int c = 0; c < 3; ++c) to[c] = std::max(sums[kClean].row(c, y)[x], 0.0f);
     }
   });
-  if (hold_fireflies_ && held.all > 0) out.metadata["tempera/denoise_held_share"] = held.share();
+  if (firefly_ && held.all > 0) out.metadata["tempera/denoise_held_share"] = held.share();
   held_.held += held.held, held_.all += held.all;
   ++frames_;
   return out;
@@ -339,7 +341,7 @@ std::vector<std::string> Denoiser::notes() const {
                                                          : "all samples together";
   std::vector<std::string> out{fmt::format("denoised by {}: {}", describe_method(oidn_.get()), how)};
   if (damaged_ > 0) out.push_back(fmt::format("{} values that are not finite or beyond 1e14 count as 0", damaged_));
-  if (hold_fireflies_ && held_.all > 0)
+  if (firefly_ && held_.all > 0)
     out.push_back(
         fmt::format("{:.2g} % of the light was held back, as it outshines the other half of the samples by far",
                     100 * held_.share()));

@@ -175,7 +175,7 @@ class Denoiser {
   /// Finds the variance of light that is divided by `divisor`, if there is one.
   void prepare(Light& light, const Planes& divisor, const Planes& color_variance) const;
   /// Factors of both halves that bring what outshines the other half around it by far down to it.
-  static std::array<Planes, 2> held_fireflies(const Light& light, const Planes& emitter, Held& shares);
+  std::array<Planes, 2> held_fireflies(const Light& light, const Planes& emitter, Held& shares) const;
   /// Adds the time since `start` to a step.
   void spent(const std::string& step, double start);
 
@@ -188,7 +188,8 @@ class Denoiser {
   int radius_;
   std::shared_ptr<Oidn> oidn_;
   Recipe recipe_;
-  bool hold_fireflies_;
+  /// Times the brightest of the other half around that a half may be; none: as bright as it likes.
+  std::optional<float> firefly_;
   bool few_ = false;       ///< samples, so that cleaning features costs more than it gains
   bool thorough_ = false;  ///< whether Open Image Denoise takes the time for its best
   std::map<int, Source> sources_;

@@ -12,7 +12,6 @@ namespace {
 
 constexpr float kEmitterShare =
     0.02f;                         ///< of the light of a pixel that it emits, from which on it counts as an emitter
-constexpr float kFirefly = 4;      ///< times the brightest of the other half around that a half may be
 constexpr int kFireflyRadius = 7;  ///< around which they are counted
 constexpr float kFireflyShare = 0.015f;  ///< of the pixels there, from which on they begin to count as light
 
@@ -107,7 +106,7 @@ Denoiser::Source Denoiser::read(int frame) {
       for_values(rest.a, [&](int c, int y, int x, float v) { return v - light.a.row(c, y)[x]; });
       for_values(rest.b, [&](int c, int y, int x, float v) { return v - light.b.row(c, y)[x]; });
     }
-    if (hold_fireflies_ && light.halves()) {
+    if (firefly_ && light.halves()) {
       const std::array<Planes, 2> kept = held_fireflies(light, emitter, out.held);
       for_values(light.a, [&](int, int y, int x, float v) { return v * kept[0].row(0, y)[x]; });
       for_values(light.b, [&](int, int y, int x, float v) { return v * kept[1].row(0, y)[x]; });
@@ -144,7 +143,7 @@ void Denoiser::prepare(Light& light, const Planes& divisor, const Planes& color_
   }
 }
 
-std::array<Planes, 2> Denoiser::held_fireflies(const Light& light, const Planes& emitter, Held& shares) {
+std::array<Planes, 2> Denoiser::held_fireflies(const Light& light, const Planes& emitter, Held& shares) const {
   const auto brightness = [](const Planes& in) {
     Planes out(in.width(), in.height(), 1);
     for_values(out,
@@ -167,7 +166,7 @@ std::array<Planes, 2> Denoiser::held_fireflies(const Light& light, const Planes&
             if (emitter.row(0, j)[i] <= emitter.row(0, y)[x]) largest = std::max(largest, other.row(0, j)[i]);
           }
         }
-        const float limit = kFirefly * largest + floor;
+        const float limit = *firefly_ * largest + floor;
         most[std::size_t(h)].row(0, y)[x] = limit;
         if (own.row(0, y)[x] > limit) outliers.row(0, y)[x] += 1;
       }

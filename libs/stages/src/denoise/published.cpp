@@ -278,8 +278,7 @@ Decomposed::Source Decomposed::read(int frame) {
         const float r = reflectance.row(c, y)[x];
         return r < kLeastDivisor ? 1.0f : r;
       });
-      set_values(divided,
-                 [&](int c, int y, int x) { return reflectance.row(c, y)[x] < kLeastDivisor ? 0.0f : 1.0f; });
+      set_values(divided, [&](int c, int y, int x) { return reflectance.row(c, y)[x] < kLeastDivisor ? 0.0f : 1.0f; });
       stack.add({std::move(divided), {}});
       const auto divide = [&](Planes& p, bool squared) {
         for (std::size_t i = 0; i < p.values().size(); ++i) {
