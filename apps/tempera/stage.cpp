@@ -55,9 +55,15 @@ void run_stage_command(Program& program, Flags& flags) {
     for (const std::string& name : flags.in) in.emplace_back(name);
     const std::vector<int>& asked = options.sections[0].frames;
     std::set<int> frames(asked.begin(), asked.end());
-    for (const FrameSequence& port : in) {
-      if (asked.empty() && (&port == &in[0] || choice.entry->takes_keys))
-        frames.insert(port.frames().begin(), port.frames().end());
+    if (asked.empty()) {
+      const std::vector<int>& first = in[0].frames();
+      frames.insert(first.begin(), first.end());
+      for (const FrameSequence& port : in) {
+        if (!choice.entry->takes_keys) break;
+        for (const int f : port.frames()) {
+          if (f > first.front() && f < first.back()) frames.insert(f);
+        }
+      }
     }
     const std::vector<int> made(frames.begin(), frames.end());
     const std::string name = std::filesystem::path(in[0].pattern()).filename().string();

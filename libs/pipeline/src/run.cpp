@@ -140,18 +140,23 @@ void plan_places(const ShotConfig& config, const Shot& shot, std::span<const Sta
   plan.output = plan.stages.back().output;
 }
 
-/// The size of the frames that are rendered, where stages make them larger. Errors: Error{kUnsupported} for a crop window.
-void set_size(const SequenceDesc& source, const Shot& shot, RenderSettings& s) {
-  const int width = s.crop_width > 0 ? s.crop_width : s.width;
-  if (source.width == width) return;
-  if (s.crop_width > 0) {
-    std::string who;
-    for (const ShotStage& stage : shot.stages) {
-      if (stage.choice.entry->enlarges > 1) who = stage.choice.entry->name;
-    }
-    throw Error(ErrorCode::kUnsupported, fmt::format("the stage {} makes whole pictures larger, no crop windows", who));
+/// Lets `s` render pictures, or a crop window, of that size. Returns whether it can: false for a window that lies between
+/// pixels then.
+bool resize(int width, int height, RenderSettings& s) {
+  if (s.crop_width == 0) {
+    s.width = width, s.height = height;
+    return true;
   }
-  s.width = source.width, s.height = source.height;
+  const auto scale = [](int& value, int to, int from) {
+    const std::int64_t scaled = std::int64_t(value) * to;
+    value = int(scaled / from);
+    return scaled % from == 0;
+  };
+  const int w = s.crop_width, h = s.crop_height;
+  bool whole = true;
+  for (int* v : {&s.width, &s.crop_x, &s.crop_width}) whole &= scale(*v, width, w);
+  for (int* v : {&s.height, &s.crop_y, &s.crop_height}) whole &= scale(*v, height, h);
+  return whole;
 }
 
 /// What renders guides: the shot with few samples, and more of those that see features alone where the integrator can.
@@ -184,24 +189,10 @@ Shot pixel_shot(const ShotConfig& config, const Shot& shot, const StageStep& ste
          fmt::format("but the integrator \"{}\" with these parameters renders whole pictures alone", shot.integrator));
   }
   Shot pixels = shot;
-  RenderSettings& s = pixels.settings;
   const int width = step.out.width, height = step.out.height;
-  if (s.crop_width == 0) {
-    s.width = width, s.height = height;
-  } else {
-    const auto scale = [](int& value, int to, int from) {
-      const std::int64_t scaled = std::int64_t(value) * to;
-      value = int(scaled / from);
-      return scaled % from == 0;
-    };
-    const int w = s.crop_width, h = s.crop_height;
-    bool whole = true;
-    for (int* v : {&s.width, &s.crop_x, &s.crop_width}) whole &= scale(*v, width, w);
-    for (int* v : {&s.height, &s.crop_y, &s.crop_height}) whole &= scale(*v, height, h);
-    if (!whole) {
-      fail(ErrorCode::kBadInput,
-           fmt::format("{}x{} of a crop window of {}x{}, which lies between pixels at that size", width, height, w, h));
-    }
+  if (!resize(width, height, pixels.settings)) {
+    fail(ErrorCode::kBadInput, fmt::format("{}x{} of a crop window of {}x{}, which lies between pixels at that size",
+                                           width, height, shot.settings.crop_width, shot.settings.crop_height));
   }
   return pixels;
 }
@@ -242,7 +233,14 @@ std::vector<LayerDesc> plan_the_stages(const ShotConfig& config, const Shot& sho
       guides.insert(chained.guides.begin(), chained.guides.end());
       if (steps.empty()) {
         steps = chained.steps;
-        set_size(chained.source_desc, shot, plan.render.settings);
+        const SequenceDesc& small = chained.source_desc;
+        if (!resize(small.width, small.height, plan.render.settings)) {
+          throw Error(
+              ErrorCode::kBadInput,
+              fmt::format("pictures are rendered at {}x{} and made larger by stages, where the crop window lies "
+                          "between pixels: its place, its size and the resolution are to be multiples of {}",
+                          small.width, small.height, source.width / small.width));
+        }
         for (const StageStep& step : steps) plan.stages.push_back({step.choice, "", {}, {}, between, {}, {}});
       }
       for (std::size_t i = 0; i < steps.size(); ++i) {
@@ -333,7 +331,8 @@ std::vector<FrameSequence> stage_input(const RunPlan& plan, std::size_t step) {
   const std::vector<StagePort>& ports = plan.stages[step].choice.entry->ports;
   std::vector<FrameSequence> in(ports.size(), rendered);
   for (std::size_t port = 1; port < ports.size(); ++port) {
-    if (ports[port].guides) in[port] = FrameSequence(plan.guides->output, plan.guides->frames);
+    // Where all frames are keys there are none, and nothing reads them.
+    if (ports[port].guides && plan.guides) in[port] = FrameSequence(plan.guides->output, plan.guides->frames);
   }
   if (step > 0) in[0] = FrameSequence(plan.stages[step - 1].output, plan.stages[step - 1].frames);
   if (const auto& pixels = plan.stages[step].pixels) in[1] = FrameSequence(pixels->output, pixels->frames);

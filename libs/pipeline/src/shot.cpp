@@ -231,7 +231,9 @@ Params stage_params(const ShotConfig& config, const StageEntry& entry, const Sho
   const auto key = [&](const std::string& param) { return entry.name + "." + param; };
   const Shutter& shutter = shot.settings.clock.shutter;
   if (entry.takes_cuts) params.set("cuts", fmt::format("{}", fmt::join(shot.settings.cuts, ",")));
-  if (entry.opens_shutter && shutter.close > shutter.open && shutter.close - shutter.open <= kLongestShutter)
+  // A shutter that is closed stays so for a quality; a shot that names the stage wants it opened.
+  const bool opens = shutter.close > shutter.open || (quality_of(config) && !config.find("stages"));
+  if (entry.opens_shutter && opens && shutter.close - shutter.open <= kLongestShutter)
     params.set("shutter", shutter.close - shutter.open);
   for (const ParamSpec& s : entry.params) {
     if (const ShotValue* v = config.find(key(s.name))) params.set(s.name, v->value, v->loc);

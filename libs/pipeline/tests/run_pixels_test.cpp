@@ -290,5 +290,16 @@ TEST_F(RunPixels, FastGivesTheSameBitsInParts) {
   EXPECT_NEAR(info->shutter_close - info->shutter_open, 0.5, 1e-6);
 }
 
+TEST_F(RunPixels, WhereAllFramesAreKeysThereAreNoGuides) {
+  const std::string closed = "[shutter]\nclose = 0\n";
+  Settled s = settle("keys", nullptr, "stages = [\"interpolate\"]\n" + closed);
+  s.loaded.shot.frames = {1};
+  s.loaded.shot.output = frames("keys");
+  const RunPlan plan = run(s);
+  EXPECT_FALSE(plan.guides);
+  EXPECT_EQ(read_frame(frame_path(plan.output, 1)).layer("color"),
+            read_frame(frame_path(plan.render.output, 1)).layer("color"));
+}
+
 }  // namespace
 }  // namespace tempera

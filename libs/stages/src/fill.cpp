@@ -6,7 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "denoise/nl_means.h"
+#include "denoise/denoiser.h"
+#include "sound_values.h"
 #include "tempera/core/parallel.h"
 
 namespace tempera {
@@ -28,15 +29,18 @@ const std::vector<ParamSpec> kParams = {
 
 /// Luminance of the first half that is believed at most, in terms of the other half: beyond it, it is a firefly.
 constexpr float kOutshines = 4;
-constexpr float kLeastReflectance = 0.05f;  ///< that light is divided by
 
-/// `image`, where it is finite, minus `less`, over `by`.
-Planes divided(const Image& image, const Planes& less, const Planes& by) {
+Planes planes_of(const Image& image) {
   Planes out(image, 3);
-  for (std::size_t i = 0; i < out.values().size(); ++i) {
-    const float v = out.values()[i];
-    out.values()[i] = ((std::isfinite(v) ? v : 0) - less.values()[i]) / by.values()[i];
-  }
+  for (float& v : out.values()) v = sound(v);
+  return out;
+}
+
+/// `image`, where it is sound, minus `less`, over `by`.
+Planes divided(const Image& image, const Planes& less, const Planes& by) {
+  Planes out = planes_of(image);
+  for (std::size_t i = 0; i < out.values().size(); ++i)
+    out.values()[i] = (out.values()[i] - less.values()[i]) / by.values()[i];
   return out;
 }
 
@@ -51,11 +55,11 @@ void smooth_filled(const Image& mask, const Frame& rendered, Frame& frame) {
   const int w = color.width(), h = color.height();
   const auto layer = [&](const char* name, float missing) {
     const Layer* l = frame.find(name);
-    return l && l->image.channels() >= 3 ? Planes(l->image, 3) : Planes(w, h, 3, missing);
+    return l && l->image.channels() >= 3 ? planes_of(l->image) : Planes(w, h, 3, missing);
   };
   const Planes emission = layer("emission", 0), normal = layer("normal", 0);
   Planes albedo = layer("albedo", 1);
-  for (float& v : albedo.values()) v = std::max(std::isfinite(v) ? v : 0, kLeastReflectance);
+  for (float& v : albedo.values()) v = std::max(v, denoise::kLeastReflectance);
   const Planes whole = divided(color, emission, albedo);
   Planes a = divided(half_a->image, emission, albedo), b = divided(half_b->image, emission, albedo);
   Planes noise(w, h, 2);  // of filled pixels, and where they are

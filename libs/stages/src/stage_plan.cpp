@@ -30,14 +30,17 @@ StagePlan plan_stages(std::span<const StageChoice> chain, const SequenceDesc& re
   StagePlan plan;
   SequenceDesc& source = plan.source_desc;
   source = result;
+  int factor = 1;
+  std::string enlarging;
   for (const StageChoice& choice : chain) {
-    const int factor = choice.entry->enlarges;
-    if (source.width % factor != 0 || source.height % factor != 0) {
-      throw Error(ErrorCode::kBadInput,
-                  fmt::format("the stage {} makes frames {} times as large, but {}x{} is not divisible by {}",
-                              choice.entry->name, factor, result.width, result.height, factor));
-    }
-    source.width /= factor, source.height /= factor;
+    if (choice.entry->enlarges > 1) factor *= choice.entry->enlarges, enlarging = choice.entry->name;
+  }
+  source.width /= factor, source.height /= factor;
+  if (source.width * factor != result.width || source.height * factor != result.height) {
+    const auto above = [&](int size) { return (size + factor - 1) / factor * factor; };
+    throw Error(ErrorCode::kBadInput,
+                fmt::format("the stage {} makes pictures {} times as wide and high, which cannot be {}x{}, but {}x{}",
+                            enlarging, factor, result.width, result.height, above(result.width), above(result.height)));
   }
   std::vector<std::unique_ptr<Stage>> stages;
   const auto add = [&](const StageChoice& choice, std::size_t asked, std::vector<SequenceDesc> in) {

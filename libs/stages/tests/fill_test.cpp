@@ -127,6 +127,31 @@ class Masking final : public FrameStage {
   void make(const FrameWindow&, int, Frame&) const override {}
 };
 
+TEST_F(FillFiles, DamagedValuesDoNotSpreadWhereItIsSmooth) {
+  const std::vector<LayerDesc> layers{layers::color(), layers::albedo(), layers::normal(), layers::emission()};
+  constexpr int kWidth = 40;
+  Frame base = frame(0.5f, layers, kWidth), pixels = frame(0.5f, layers, kWidth);
+  pixels.add(layers::color_a(), frame(0.5f, {layers::color_a()}, kWidth).layer("color.a"));
+  pixels.add(layers::color_b(), frame(0.5f, {layers::color_b()}, kWidth).layer("color.b"));
+  base.add(layers::mask(), Image(kWidth, 1, 1));
+  base.metadata[stage_engine_key("denoise")] = std::string("nl_means");
+  for (const int x : {3, 20, 36}) base.layer("mask").at(x, 0) = 1;
+  int at = 4;
+  for (Frame* f : {&base, &pixels}) {
+    const std::list<Layer>& all = f->layers();
+    for (const Layer& l : all) {
+      if (l.desc.name == "mask" || l.desc.name == "color") continue;
+      for (const float v : {NAN, INFINITY, 3e38f}) f->layer(l.desc.name).at(4 + at++ % 32, 0, 0) = v;
+    }
+  }
+  write("base", 1, base), write("pixels", 1, pixels);
+  fill();
+  const Image out = read_frame(frame_path(pattern("out"), 1)).layer("color");
+  for (const int x : {3, 20, 36}) {
+    for (int c = 0; c < 3; ++c) EXPECT_TRUE(std::isfinite(out.at(x, 0, c))) << x;
+  }
+}
+
 TEST(FillPlan, FollowsAStageThatWritesAMask) {
   StageEntry masking;
   masking.name = "masking";

@@ -34,9 +34,6 @@ const std::vector<ParamSpec> kParams = {
      "first frames of new shots, e.g. 25,61: each is a key, and so is the frame before it; a shot's own are known"},
 };
 
-/// Reflectance that light is divided by at least, so that black surfaces and the background need no rule of their own.
-constexpr float kLeastAlbedo = 0.05f;
-
 const Image* image_of(const Frame& frame, const std::string& name, int channels, const char* what, int number) {
   const Layer* layer = frame.find(name);
   if (!layer) return nullptr;
@@ -47,26 +44,22 @@ const Image* image_of(const Frame& frame, const std::string& name, int channels,
   return &layer->image;
 }
 
-constexpr float kLargest = 1e14f;  ///< beyond it values count as damaged, as for the denoiser
-
 Planes planes_of(const Image* image, int channels, float missing, int w, int h) {
   if (!image) return {w, h, channels, missing};
   Planes out(*image, channels);
-  for (float& v : out.values()) {
-    if (!(std::abs(v) <= kLargest)) v = 0;
-  }
+  for (float& v : out.values()) v = sound(v);
   return out;
 }
 
 /// How the light of a part of a frame becomes irradiance: (color - emission) / divisor.
 struct Light {
   Planes color;     ///< [h,w,3] radiance
-  Planes divisor;   ///< [h,w,3] reflectance, kLeastAlbedo at least
+  Planes divisor;   ///< [h,w,3] reflectance, kLeastReflectance at least
   Planes emission;  ///< [h,w,3]
 
   Light(const Frame& frame, const Part& part, const char* what, int number)
       : color(planes_of(image_of(frame, part.color, 3, what, number), 3, 0, frame.width(), frame.height())),
-        divisor(motion::reflectance_of(frame, part, kLeastAlbedo), 3),
+        divisor(motion::reflectance_of(frame, part, denoise::kLeastReflectance), 3),
         emission(frame.width(), frame.height(), 3) {
     if (part.color == layers::color().name)
       emission =
@@ -103,15 +96,7 @@ struct Made {
 
 class Interpolate final : public Stage {
  public:
-  explicit Interpolate(const Params& params) : every_(params.get_int("every")) {
-    if (const std::string& text = params.get_string("cuts"); !text.empty()) {
-      try {
-        cuts_ = parse_frame_set(text);
-      } catch (const Error& e) {
-        throw StageParamError(e.code(), {"cuts"}, "cuts: " + e.message());
-      }
-    }
-  }
+  explicit Interpolate(const Params& params) : every_(params.get_int("every")), cuts_(motion::cuts_of(params)) {}
 
   SequenceDesc output(std::span<const SequenceDesc> in) const override {
     if (every_ == 0 && in[kKeys].frames.empty()) {
@@ -145,6 +130,8 @@ class Interpolate final : public Stage {
                                {layers::depth(), false},
                                {layers::albedo(), false},
                                {layers::emission(), false}};
+    // Light of all frames is divided alike, by what the keys have.
+    if (port == kGuides) std::erase_if(uses, [&](const LayerUse& u) { return !u.required && !in[kKeys].has(u.layer); });
     const auto named = [&](const LayerDesc& d) {
       return std::find_if(uses.begin(), uses.end(), [&](const LayerUse& use) { return use.layer.name == d.name; });
     };
@@ -152,7 +139,12 @@ class Interpolate final : public Stage {
     for (const LayerDesc& d : in[kKeys].layers) {
       if (survives(d) && d.role == LayerRole::kPicture && named(d) == uses.end()) uses.push_back({d, false});
     }
-    if (port == kKeys) return uses;
+    if (port == kKeys) {
+      for (LayerUse& use : uses) {
+        if (!use.required && in[kKeys].has(use.layer)) use.required = true, use.why = "other keys have it";
+      }
+      return uses;
+    }
     for (const LayerDesc& d : {layers::color_a(), layers::color_b()}) {
       uses.push_back({d, false});
       for (const LayerDesc& light : in[kKeys].layers) {
@@ -204,6 +196,13 @@ class Interpolate final : public Stage {
         run.write(f, std::move(out));
       }
       run.progress(++done / double(run.frames().size()));
+    }
+    const SequenceDesc& keys = run.in()[kKeys];
+    if (keys.reach == keys.sequence) {
+      std::vector<int> beyond = run.in()[kGuides].frames;
+      std::erase_if(beyond, [&](int f) { return keys.reach.contains(f); });
+      if (!beyond.empty())
+        run.note(fmt::format("guides {} are beyond the keys: no frames are made of them", describe_frames(beyond)));
     }
     if (between > 0)
       run.note(fmt::format("{:.1f} % of the frames in between are left to be rendered", 100 * left / between));

@@ -115,15 +115,7 @@ struct Matte {
 
 class MotionBlur final : public Stage {
  public:
-  explicit MotionBlur(const Params& params) : shutter_(params.get_double("shutter")) {
-    if (const std::string& text = params.get_string("cuts"); !text.empty()) {
-      try {
-        cuts_ = parse_frame_set(text);
-      } catch (const Error& e) {
-        throw StageParamError(e.code(), {"cuts"}, "cuts: " + e.message());
-      }
-    }
-  }
+  explicit MotionBlur(const Params& params) : shutter_(params.get_double("shutter")), cuts_(motion::cuts_of(params)) {}
 
   SequenceDesc output(std::span<const SequenceDesc> in) const override {
     SequenceDesc out = in[0];
@@ -408,17 +400,24 @@ class MotionBlur final : public Stage {
       const std::string& name = sums.layer->desc.name;
       const int n = sums.layer->image.channels();
       const Layer* layer = from.frame->find(name);
-      if (!layer || layer->image.channels() != n) continue;  // of a frame around: it has others
+      const auto clean = from.clean.find(name);
+      double* sum = sums.sum.data() + pixel * std::size_t(n);
+      if (!layer || layer->image.channels() != n || (sums.blur == Blur::kMean && clean == from.clean.end())) {
+        // A frame around has other layers: what the sharp frame has here is the best guess.
+        const float* v = sums.layer->image.values().data() + pixel * std::size_t(n);
+        for (int c = 0; c < n; ++c) sum[c] += double(sound(v[c]));
+        if (sums.blur == Blur::kHits) ++sums.hits[pixel];
+        continue;
+      }
       if (sums.blur == Blur::kMean) {
-        const Image& image = raw ? layer->image : from.clean.at(name);
-        for (int c = 0; c < n; ++c)
-          sums.sum[pixel * std::size_t(n) + std::size_t(c)] += double(motion::value_at(image, taps, c));
+        const Image& image = raw ? layer->image : clean->second;
+        for (int c = 0; c < n; ++c) sum[c] += double(motion::value_at(image, taps, c));
         continue;
       }
       const float* v = layer->image.values().data() + taps.main * std::size_t(n);
       if (std::all_of(v, v + n, [](float f) { return f == 0; })) continue;
-      if (!std::all_of(v, v + n, [](float f) { return std::isfinite(f); })) continue;
-      for (int c = 0; c < n; ++c) sums.sum[pixel * std::size_t(n) + std::size_t(c)] += double(v[c]);
+      if (!std::all_of(v, v + n, is_sound)) continue;
+      for (int c = 0; c < n; ++c) sum[c] += double(v[c]);
       ++sums.hits[pixel];
     }
   }

@@ -109,7 +109,7 @@ Image reflectance_of(const Frame& frame, const Part& part, float least) {
     for (std::size_t i = 0; i < std::size_t(out.pixels()); ++i) {
       for (std::size_t c = 0; c < 3; ++c) {
         const float v = layer->image.values()[i * n + c];
-        out.values()[i * 3 + c] = (first ? 0.0f : out.values()[i * 3 + c]) + (std::abs(v) <= 1e14f ? v : 0.0f);
+        out.values()[i * 3 + c] = (first ? 0.0f : out.values()[i * 3 + c]) + sound(v);
       }
     }
     first = false;

@@ -6,15 +6,15 @@
 #include <algorithm>
 #include <cmath>
 
+#include "sound_values.h"
 #include "tempera/core/parallel.h"
+#include "tempera/stages/stage.h"
 
 namespace tempera::motion {
 
 namespace {
 
 constexpr std::uint32_t kNobody = 0xffffffffu;
-
-float finite(float v) { return std::isfinite(v) ? v : 0.0f; }
 
 const Image* find_layer(const Frame& layers, const std::string& name, int channels, int frame) {
   const Layer* layer = layers.find(name);
@@ -26,12 +26,31 @@ const Image* find_layer(const Frame& layers, const std::string& name, int channe
   return &layer->image;
 }
 
+/// The pixels around those of `ring` for which `is_next(pixel of the ring, pixel)`: each once, in ascending order.
+template <std::size_t N, class IsNext>
+std::vector<std::size_t> next_ring(const std::vector<std::size_t>& ring, const int (&steps)[N][2], int w, int h,
+                                   const IsNext& is_next) {
+  std::vector<std::size_t> next;
+  for (const std::size_t i : ring) {
+    const int x = int(i % std::size_t(w)), y = int(i / std::size_t(w));
+    for (const auto& s : steps) {
+      const int nx = x + s[0], ny = y + s[1];
+      if (nx < 0 || ny < 0 || nx >= w || ny >= h) continue;
+      const std::size_t j = std::size_t(ny) * std::size_t(w) + std::size_t(nx);
+      if (is_next(i, j)) next.push_back(j);
+    }
+  }
+  std::sort(next.begin(), next.end());
+  next.erase(std::unique(next.begin(), next.end()), next.end());
+  return next;
+}
+
 /// Continues values smoothly into pixels that have none, from those of the same object: ring by ring, and then so that
 /// each is the mean of its neighbors. `known`: 1 where there is one. Returns how many are left without.
 std::int64_t inpaint(Grid<Vec3f>& a, Grid<Vec3f>& b, Grid<std::uint8_t>& known, const Grid<float>& id) {
   const int w = a.width(), h = a.height();
   constexpr int kSteps[4][2] = {{0, -1}, {-1, 0}, {1, 0}, {0, 1}};
-  std::vector<std::size_t> holes, left;
+  std::vector<std::size_t> holes;
   for (std::size_t i = 0; i < known.size(); ++i) {
     if (!known[i]) holes.push_back(i);
   }
@@ -50,24 +69,23 @@ std::int64_t inpaint(Grid<Vec3f>& a, Grid<Vec3f>& b, Grid<std::uint8_t>& known, 
     if (count > 0) out = sum / float(count);
     return count > 0;
   };
-  left = holes;
-  std::vector<std::size_t> reached;
-  while (!left.empty()) {
-    std::vector<std::size_t> ring, next;
+  std::vector<std::size_t> ring, reached;
+  const auto take = [&](std::size_t i, Vec3f& va, Vec3f& vb) {
+    return mean_around(i, a, known, va) && mean_around(i, b, known, vb);
+  };
+  Vec3f va, vb;
+  std::copy_if(holes.begin(), holes.end(), std::back_inserter(ring), [&](std::size_t i) { return take(i, va, vb); });
+  while (!ring.empty()) {
     std::vector<std::pair<Vec3f, Vec3f>> values;
-    for (const std::size_t i : left) {
-      Vec3f va, vb;
-      if (mean_around(i, a, known, va) && mean_around(i, b, known, vb)) {
-        ring.push_back(i), values.emplace_back(va, vb);
-      } else {
-        next.push_back(i);
-      }
+    for (const std::size_t i : ring) {
+      take(i, va, vb);
+      values.emplace_back(va, vb);
     }
-    if (ring.empty()) break;
     for (std::size_t k = 0; k < ring.size(); ++k)
       a[ring[k]] = values[k].first, b[ring[k]] = values[k].second, known[ring[k]] = 1;
     reached.insert(reached.end(), ring.begin(), ring.end());
-    left = std::move(next);
+    ring = next_ring(ring, kSteps, w, h,
+                     [&](std::size_t i, std::size_t j) { return !known[j] && (id.empty() || id[i] == id[j]); });
   }
   constexpr int kSweeps = 50;
   for (int sweep = 0; sweep < kSweeps; ++sweep) {
@@ -76,7 +94,7 @@ std::int64_t inpaint(Grid<Vec3f>& a, Grid<Vec3f>& b, Grid<std::uint8_t>& known, 
       mean_around(i, b, known, b[i]);
     }
   }
-  return std::int64_t(left.size());
+  return std::int64_t(holes.size() - reached.size());
 }
 
 }  // namespace
@@ -105,15 +123,18 @@ Surfaces read_surfaces(const Frame& layers, int frame, const std::string& prefix
   }
   if (id) {
     s.id = Grid<float>(w, h);
-    for (std::size_t i = 0; i < s.id.size(); ++i) s.id[i] = finite(id->values()[i * std::size_t(id->channels())]);
+    for (std::size_t i = 0; i < s.id.size(); ++i) {
+      const float v = id->values()[i * std::size_t(id->channels())];
+      s.id[i] = std::isfinite(v) ? v : 0;  // of any size: some programs' are hashes
+    }
   }
   Grid<std::uint8_t> known(w, h);
   const auto read = [](const Image* from, std::size_t i, Vec3f& v) {
     if (!from) return false;
     const int n = from->channels();
     const float* p = from->values().data() + i * std::size_t(n);
-    if (!std::isfinite(p[0]) || !std::isfinite(p[1]) || (n >= 4 && !(p[3] > 0.5f))) return false;
-    v = {p[0], p[1], n >= 3 ? finite(p[2]) : 0};
+    if (!is_sound(p[0]) || !is_sound(p[1]) || (n >= 4 && !(p[3] > 0.5f))) return false;
+    v = {p[0], p[1], n >= 3 ? sound(p[2]) : 0};
     return true;
   };
   for (std::size_t i = 0; i < known.size(); ++i) {
@@ -237,31 +258,26 @@ Grid<Place> walk(std::span<const Surfaces* const> frames, int step) {
 
 void grow(Grid<Place>& places) {
   const int w = places.width(), h = places.height();
-  std::vector<std::size_t> holes;
-  for (std::size_t i = 0; i < places.size(); ++i) {
-    if (!places[i].valid()) holes.push_back(i);
-  }
-  while (!holes.empty()) {
-    std::vector<std::size_t> next, ring;
-    std::vector<Place> values;
-    for (const std::size_t i : holes) {
-      const int x = int(i % std::size_t(w)), y = int(i / std::size_t(w));
-      const Place* farthest = nullptr;
-      for (const auto& o : kAround) {
-        const int nx = x + o[0], ny = y + o[1];
-        if (nx < 0 || ny < 0 || nx >= w || ny >= h) continue;
-        const Place& p = places.at(nx, ny);
-        if (p.valid() && (!farthest || p.depth > farthest->depth)) farthest = &p;
-      }
-      if (farthest) {
-        ring.push_back(i), values.push_back(*farthest);
-      } else {
-        next.push_back(i);
-      }
+  const auto farthest_around = [&](std::size_t i) {
+    const int x = int(i % std::size_t(w)), y = int(i / std::size_t(w));
+    const Place* farthest = nullptr;
+    for (const auto& o : kAround) {
+      const int nx = x + o[0], ny = y + o[1];
+      if (nx < 0 || ny < 0 || nx >= w || ny >= h) continue;
+      const Place& p = places.at(nx, ny);
+      if (p.valid() && (!farthest || p.depth > farthest->depth)) farthest = &p;
     }
-    if (ring.empty()) return;
+    return farthest;
+  };
+  std::vector<std::size_t> ring;
+  for (std::size_t i = 0; i < places.size(); ++i) {
+    if (!places[i].valid() && farthest_around(i)) ring.push_back(i);
+  }
+  while (!ring.empty()) {
+    std::vector<Place> values;
+    for (const std::size_t i : ring) values.push_back(*farthest_around(i));
     for (std::size_t k = 0; k < ring.size(); ++k) places[ring[k]] = values[k];
-    holes = std::move(next);
+    ring = next_ring(ring, kAround, w, h, [&](std::size_t, std::size_t j) { return !places[j].valid(); });
   }
 }
 
@@ -283,6 +299,16 @@ Taps taps_at(const Surfaces& s, const Place& place) {
   }
   for (float& weight : t.weight) weight /= sum;  // the pixel that holds the place has a quarter at least
   return t;
+}
+
+std::vector<int> cuts_of(const Params& params) {
+  const std::string& text = params.get_string("cuts");
+  if (text.empty()) return {};
+  try {
+    return parse_frame_set(text);
+  } catch (const Error& e) {
+    throw StageParamError(e.code(), {"cuts"}, "cuts: " + e.message());
+  }
 }
 
 Grid<std::uint8_t> covered_edges(const Surfaces& s) {
@@ -317,7 +343,7 @@ Image without_edges(const Image& image, const Surfaces& s, const Grid<std::uint8
         for (int nx = std::max(0, x - kRadius); nx <= std::min(w - 1, x + kRadius); ++nx) {
           const std::size_t j = edges.index(nx, ny);
           if (edges[j] || !s.same(i, j)) continue;
-          for (int c = 0; c < n; ++c) sum[c] += finite(image.at(nx, ny, c));
+          for (int c = 0; c < n; ++c) sum[c] += sound(image.at(nx, ny, c));
           ++count;
         }
       }

@@ -9,7 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "sound_values.h"
 #include "tempera/core/grid.h"
+#include "tempera/core/params.h"
 #include "tempera/frames/frame.h"
 
 namespace tempera::motion {
@@ -71,16 +73,19 @@ struct Taps {
   std::size_t main;  ///< the pixel that the place is in
 };
 Taps taps_at(const Surfaces& surfaces, const Place& place);
-/// The value of channel `c` there; what is not finite counts as 0.
+/// The value of channel `c` there; what is damaged counts as 0.
 inline float value_at(const Image& image, const Taps& taps, int c) {
   float sum = 0;
   const float* v = image.values().data();
   for (int k = 0; k < 4; ++k) {
     const float value = v[std::size_t(taps.pixel[k]) * image.channels() + c];
-    sum += std::isfinite(value) ? taps.weight[k] * value : 0;
+    sum += taps.weight[k] * sound(value);
   }
   return sum;
 }
+
+/// First frames of shots, from the parameter `cuts` of a stage. Errors: StageParamError.
+std::vector<int> cuts_of(const Params& params);
 
 /// Pixels at the edge of something nearer that moves in another way, whose averages hold light of it: a bit for each of
 /// the eight neighbors that belong to it, in the order of `kAround`.

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 
+#include "sound_values.h"
 #include "tempera/core/grid.h"
 #include "tempera/core/parallel.h"
 #include "tempera/stages/stage_run.h"
@@ -110,7 +111,7 @@ class Upsample final : public FrameStage {
     });
     const auto light = [&](int x, int y, int c) {
       const float v = c < color.channels() ? color.at(x, y, c) : 1.0f;
-      return std::isfinite(v) ? v : 0.0f;
+      return sound(v);
     };
     Grid<Model> models(w, h);
     parallel_rows(0, h, [&](int y) {
@@ -131,6 +132,9 @@ class Upsample final : public FrameStage {
       }
     });
 
+    for (const char* key : {"tempera/crop_left", "tempera/crop_top"}) {  // in pixels of the whole picture
+      if (const auto it = large.metadata.find(key); it != large.metadata.end()) out.metadata[key] = it->second;
+    }
     for (const Layer& l : large.layers()) {
       if (survives(l.desc) && small_has(in, l.desc)) out.add(l.desc, l.image);
     }
@@ -188,7 +192,7 @@ class Upsample final : public FrameStage {
       const Layer* layer = large.find(layers::chain_layer(chain, layers::albedo()).name);
       if (!layer || layer->image.channels() != 3) continue;
       if (seen.empty()) seen = Image(large.width(), large.height(), 3);
-      for (std::size_t i = 0; i < seen.values().size(); ++i) seen.values()[i] += layer->image.values()[i];
+      for (std::size_t i = 0; i < seen.values().size(); ++i) seen.values()[i] += sound(layer->image.values()[i]);
     }
     for (int c = 0; c < 3 && !seen.empty(); ++c) planes.push_back({&seen, c, 1});
     if (seen.empty()) add("albedo", 0, 3, 1);
@@ -200,9 +204,7 @@ class Upsample final : public FrameStage {
       float most = 0;
       for (int y = 0; y < large.height(); ++y) {
         for (int x = 0; x < large.width(); ++x) {
-          const Rgb e = layer->image.rgb(x, y);
-          const float v = luminance(e);
-          emission.at(x, y) = std::isfinite(v) ? v : 0;
+          emission.at(x, y) = sound(luminance(layer->image.rgb(x, y)));
           most = std::max(most, emission.at(x, y));
         }
       }
@@ -220,8 +222,7 @@ class Upsample final : public FrameStage {
     parallel_rows(0, large.height(), [&](int y) {
       for (int x = 0; x < large.width(); ++x) {
         for (std::size_t k = 0; k < planes.size(); ++k) {
-          const float v = planes[k].image->at(x, y, planes[k].channel) * planes[k].scale;
-          out.at(x, y, int(k)) = std::isfinite(v) ? v : 0;
+          out.at(x, y, int(k)) = sound(planes[k].image->at(x, y, planes[k].channel) * planes[k].scale);
         }
       }
     });

@@ -293,12 +293,14 @@ TEST_F(Interpolate, AShotPlansItsKeysFromItsEnds) {
 }
 
 TEST_F(Interpolate, ValuesThatAreNotFiniteDoNotSpread) {
-  const float bad[] = {NAN, INFINITY, -INFINITY, 1e30f};
+  const float bad[] = {NAN, INFINITY, -INFINITY, 1e30f, 3e38f};
   const auto spoiled = [&](Frame f) {
     int at = 0;
     for (const Layer& l : f.layers()) {
       for (const float v : bad) f.layer(l.desc.name).at(2 + 5 * (at % 10), 3 + 4 * (at / 10), 0) = v, ++at;
     }
+    // Opposite and huge: their difference is not finite. Something moves to where it is.
+    f.layer("motion.forward").at(40, 30, 0) = 3e38f, f.layer("motion.backward").at(40, 30, 0) = -3e38f;
     return f;
   };
   for (const int t : {0, 4}) write("keys", t, spoiled(lit(kMoving, float(t))));
@@ -306,6 +308,46 @@ TEST_F(Interpolate, ValuesThatAreNotFiniteDoNotSpread) {
   run("interpolate", {"keys", "guides"}, "out");
   const Frame out = read("out", 2);
   for (const float v : out.layer("color").values()) ASSERT_TRUE(std::isfinite(v));
+}
+
+TEST_F(Interpolate, LightIsDividedByWhatAllFramesHave) {
+  const std::vector<Card> still = {{.texture = waves}};
+  for (const int t : {0, 4}) {
+    Frame key = lit(still, float(t), 5);
+    key.remove("albedo");
+    write("keys", t, key);
+  }
+  for (const int t : {1, 2, 3}) write("guides", t, guide_of(still, float(t), 5, 0.01f));
+  run("interpolate", {"keys", "guides"}, "out");
+  const Image truth = lit(still, 2, 5).layer("color");
+  EXPECT_LT(error_where(read("out", 2).layer("color"), truth, read("out", 2).layer("mask"), false), 1e-3)
+      << "the guides' albedo says nothing of keys without one";
+
+  write_all(still);
+  Frame without = lit(still, 4);
+  without.remove("albedo");
+  write("keys", 4, without);
+  EXPECT_NE(error().find("has no layer \"albedo\": other keys have it"), std::string::npos) << error();
+}
+
+TEST_F(Interpolate, GuidesBeyondTheKeysAreSaid) {
+  write_all(kMoving);
+  write("guides", 5, guide_of(kMoving, 5));
+  const StageReport report = run("interpolate", {"keys", "guides"}, "out");
+  EXPECT_EQ(report.frames, (std::vector<int>{0, 1, 2, 3, 4}));
+  ASSERT_FALSE(report.notes.empty());
+  EXPECT_EQ(report.notes[0], "guides 5 (1 frame) are beyond the keys: no frames are made of them");
+}
+
+TEST_F(Interpolate, OneFrameAndKeysAllOver) {
+  write("keys", 3, lit(kMoving, 3)), write("guides", 3, guide_of(kMoving, 3));
+  EXPECT_EQ(run("interpolate", {"keys", "guides"}, "out").frames, std::vector<int>{3});
+  EXPECT_EQ(read("out", 3).layer("color"), read("keys", 3).layer("color"));
+  write("keys", 4, lit(kMoving, 4));
+  for (const char* every : {"1", "0", "1000"}) {
+    EXPECT_EQ(run("interpolate", {"keys", "guides"}, "out", {{"every", every}}).frames, (std::vector<int>{3, 4}));
+    EXPECT_EQ(read("out", 4).layer("color"), read("keys", 4).layer("color"));
+  }
 }
 
 TEST_F(Interpolate, SaysWhatIsMissing) {

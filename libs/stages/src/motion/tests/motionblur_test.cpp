@@ -262,7 +262,7 @@ TEST_F(MotionBlur, TheMetadataSayHowLongTheShutterIsOpen) {
 }
 
 TEST_F(MotionBlur, ValuesThatAreNotFiniteDoNotSpread) {
-  const float bad[] = {NAN, INFINITY, -INFINITY, 1e30f};
+  const float bad[] = {NAN, INFINITY, -INFINITY, 1e30f, 3e38f};
   const Frame out = blurred(kCrossing, "0.5", [&](int, Frame& f) {
     f.create(layers::crypto(0)), f.create(layers::normal());
     const std::list<Layer>& all = f.layers();
@@ -274,6 +274,27 @@ TEST_F(MotionBlur, ValuesThatAreNotFiniteDoNotSpread) {
   for (const char* name : {"color", "normal", "depth", "CryptoObject00"}) {
     for (const float v : out.layer(name).values()) ASSERT_TRUE(std::isfinite(v)) << name;
   }
+}
+
+TEST_F(MotionBlur, LayersThatFramesAroundLackStayBright) {
+  const Frame out = blurred(kCrossing, "1", [&](int number, Frame& f) {
+    if (number == 1) f.add(layers::albedo(), Image(kWidth, kHeight, 3, 0.5f));
+  });
+  for (const float v : out.layer("albedo").values()) ASSERT_NEAR(v, 0.5f, 1e-6f);
+}
+
+TEST_F(MotionBlur, OneColumnOfVectorsIsEnoughForItsObject) {
+  Frame f = frame_of({{.texture = waves}}, kWidth, kHeight, 0);
+  f.remove("motion.backward");
+  Image& forward = f.layer("motion.forward");
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) forward.at(x, y, 0) = 6, forward.at(x, y, 3) = x == 0 ? 1.0f : 0.0f;
+  }
+  write("in", 0, f);
+  EXPECT_TRUE(run("motionblur", {"in"}, "out").notes.empty()) << "no pixel stays sharp";
+  const Image out = read("out", 0).layer("color");
+  const Image truth = picture({{.velocity = {6, 0}, .texture = waves}}, kWidth, kHeight, 0, 0.5f, 32);
+  EXPECT_LT(20 * mean_square(out, truth, 4), mean_square(f.layer("color"), truth, 4));
 }
 
 TEST_F(MotionBlur, OnePixelIsAPicture) {

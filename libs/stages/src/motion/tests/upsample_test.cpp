@@ -122,6 +122,22 @@ TEST_F(Upsample, NegativeLightIsLeftToTheRenderer) {
   EXPECT_GT(masked, 0);
 }
 
+TEST_F(Upsample, DamagedValuesDoNotSpread) {
+  const float bad[] = {NAN, INFINITY, -INFINITY, 3e38f, -3e38f};
+  Frame guides = guide(), in = small(guides.layer("color"));
+  guides.create(layers::emission()), guides.create(layers::normal());
+  guides.create(layers::chain_layer("D", layers::albedo()));
+  int at = 0;
+  for (Frame* f : {&in, &guides}) {
+    const std::list<Layer>& all = f->layers();
+    for (const Layer& l : all) {
+      for (const float v : bad) f->layer(l.desc.name).at(1 + 2 * (at % 10), 1 + at / 10, 0) = v, ++at;
+    }
+  }
+  const Image out = enlarged(in, guides).layer("color");
+  for (const float v : out.values()) ASSERT_LT(std::abs(v), 1e6f);
+}
+
 TEST_F(Upsample, TheSameBitsInAnyDivision) {
   for (const int t : {1, 2, 3}) {
     Frame guides = guide();
