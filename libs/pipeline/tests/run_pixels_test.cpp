@@ -290,6 +290,25 @@ TEST_F(RunPixels, FastGivesTheSameBitsInParts) {
   EXPECT_NEAR(info->shutter_close - info->shutter_open, 0.5, 1e-6);
 }
 
+TEST_F(RunPixels, FastMakesACropWindowToo) {
+  const Settled s =
+      settle("crop", nullptr,
+             "quality = \"fast\"\n[film]\nresolution = \"48x32\"\ncrop = \"16,8,24,16\"\n[guides]\nspp = 2\n"
+             "[denoise]\nmethod = \"nl_means\"\n");
+  const RunPlan plan = run(s);
+  const Frame out = read_frame(frame_path(plan.output, 2));
+  EXPECT_EQ(out.width(), 24);
+  EXPECT_EQ(out.height(), 16);
+  EXPECT_EQ(out.metadata.at("tempera/crop_left"), MetaValue(16));
+  // What is seen there is what guides of the whole picture see.
+  Settled whole = settle("whole", nullptr, "[film]\nresolution = \"48x32\"\n[shutter]\nopen = 0.25\nclose = 0.25\n");
+  const Image all = read_frame(frame_path(run(whole).output, 2)).layer("motion.forward");
+  const Image& part = read_frame(frame_path(plan.guides->output, 2)).layer("motion.forward");
+  for (int y = 0; y < 16; ++y) {
+    for (int x = 0; x < 24; ++x) EXPECT_NEAR(part.at(x, y, 0), all.at(x + 16, y + 8, 0), 1e-4f) << x << "," << y;
+  }
+}
+
 TEST_F(RunPixels, WhereAllFramesAreKeysThereAreNoGuides) {
   const std::string closed = "[shutter]\nclose = 0\n";
   Settled s = settle("keys", nullptr, "stages = [\"interpolate\"]\n" + closed);
@@ -299,6 +318,34 @@ TEST_F(RunPixels, WhereAllFramesAreKeysThereAreNoGuides) {
   EXPECT_FALSE(plan.guides);
   EXPECT_EQ(read_frame(frame_path(plan.output, 1)).layer("color"),
             read_frame(frame_path(plan.render.output, 1)).layer("color"));
+}
+
+// As docs/motion-stages.md has it: more frames a second, of which every fourth is rendered.
+TEST_F(RunPixels, SlowMotionIsTheSameMotionInMoreFrames) {
+  const std::string sharp = "[shutter]\nopen = 0\nclose = 0\n[film]\nresolution = \"48x32\"\n";
+  Settled s = settle("slow", nullptr,
+                     "fps = 96\nquality = \"fast\"\n" + sharp +
+                         "[guides]\nspp = 2\n[video]\nfps = 24\n[denoise]\nmethod = \"nl_means\"\n");
+  s.loaded.shot.sequence = {1, 9};
+  s.loaded.shot.frames = {1, 2, 3, 4, 5, 6, 7, 8, 9};
+  s.loaded.shot.output = frames("slow");
+  const RunPlan plan = run(s);
+  EXPECT_EQ(plan.render.frames, (std::vector<int>{1, 5, 9})) << "24 keys a second";
+  EXPECT_EQ(plan.frames.size(), 9u);
+  EXPECT_EQ(s.loaded.shot.video.fps, 24);
+  // The picture of frame 7 at 96 frames a second is that of frame 2.5 at 24, and moves a quarter as far to the next.
+  const RunPlan direct =
+      run(settle("direct", nullptr, "[shutter]\nopen = 0.5\nclose = 0.5\n[film]\nresolution = \"48x32\"\n"));
+  const Frame slow = read_frame(frame_path(plan.output, 7)), truth = read_frame(frame_path(direct.output, 2));
+  const Image &v = slow.layer("motion.forward"), &v4 = truth.layer("motion.forward");
+  double quarter = 0, whole = 0;
+  for (std::size_t i = 0; i < v.values().size(); i += 4) {
+    if (!(v.values()[i + 3] > 0.5f && v4.values()[i + 3] > 0.5f)) continue;
+    quarter += std::hypot(double(v.values()[i]), double(v.values()[i + 1]));
+    whole += std::hypot(double(v4.values()[i]), double(v4.values()[i + 1]));
+  }
+  ASSERT_GT(whole, 1);
+  EXPECT_NEAR(4 * quarter / whole, 1, 0.05);
 }
 
 }  // namespace
