@@ -215,7 +215,8 @@ Denoiser::Averaged Denoiser::average(int frame) {
     Planes total(own.width(), own.height(), 1, 1);
     Likeness likeness;
     likeness.floor = noise_floor(own);
-    likeness.wide_k = kWideLikeness;
+    // NL-means leaves bright specks unless it has all that averages over time take of them.
+    if (oidn_) likeness.wide_k = kWideLikeness;
     for (const auto& [f, track] : tracks) {
       const PackedLight& there = source(f).light[part];
       const Planes a = gather_nearest(there.a, track), b = there.halves() ? gather_nearest(there.b, track) : Planes();
