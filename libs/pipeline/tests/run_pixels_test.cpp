@@ -303,7 +303,7 @@ TEST_F(RunPixels, FastMakesACropWindowToo) {
   // What is seen there is what guides of the whole picture see.
   Settled whole = settle("whole", nullptr, "[film]\nresolution = \"48x32\"\n[shutter]\nopen = 0.25\nclose = 0.25\n");
   const Image all = read_frame(frame_path(run(whole).output, 2)).layer("motion.forward");
-  const Image& part = read_frame(frame_path(plan.guides->output, 2)).layer("motion.forward");
+  const Image part = read_frame(frame_path(plan.guides->output, 2)).layer("motion.forward");
   for (int y = 0; y < 16; ++y) {
     for (int x = 0; x < 24; ++x) EXPECT_NEAR(part.at(x, y, 0), all.at(x + 16, y + 8, 0), 1e-4f) << x << "," << y;
   }
