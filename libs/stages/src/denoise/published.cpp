@@ -20,21 +20,10 @@ constexpr int kWindow = 10;
 constexpr int kUnknownSamples = 32;  ///< taken where a frame does not say its samples
 constexpr float kNoiseFree = 1e-4f;  ///< relative variance of emission that is passed on as it is
 
-/// Applies f(channel, y, x) to each value.
-template <class F>
-void set_values(Planes& out, const F& f) {
-  for_rows(out.height(), [&](int y) {
-    for (int c = 0; c < out.channels(); ++c) {
-      float* to = out.row(c, y);
-      for (int x = 0; x < out.width(); ++x) to[x] = f(c, y, x);
-    }
-  });
-}
-
 /// Variance of each channel of the mean of two halves, smoothed.
 Planes channel_variance(const Planes& a, const Planes& b) {
   Planes raw(a.width(), a.height(), a.channels());
-  set_values(raw, [&](int c, int y, int x) {
+  for_values(raw, [&](int c, int y, int x, float) {
     const float d = a.row(c, y)[x] - b.row(c, y)[x];
     return 0.25f * d * d;
   });
@@ -47,7 +36,7 @@ Planes variance_without_halves(InputFrame& in, const Planes& color) {
   if (!known.empty()) return box_mean(known, kVarianceRadius);
   const Planes one = apparent_variance(color, kVarianceRadius);
   Planes out(color.width(), color.height(), 3);
-  set_values(out, [&](int, int y, int x) { return one.row(0, y)[x]; });
+  for_values(out, [&](int, int y, int x, float) { return one.row(0, y)[x]; });
   return out;
 }
 
@@ -157,7 +146,7 @@ Planes gather_bilinear(const Planes& in, const Track& track) {
 /// Objects as colors, so that their differences are features like others.
 Planes hashed(const Planes& id) {
   Planes out(id.width(), id.height(), 3);
-  set_values(out, [&](int c, int y, int x) {
+  for_values(out, [&](int c, int y, int x, float) {
     return float(hash_key(std::uint64_t(id.row(0, y)[x]), std::uint64_t(c)) >> 40) * 0x1p-24f;
   });
   return out;
@@ -274,11 +263,12 @@ Decomposed::Source Decomposed::read(int frame) {
       const Planes& reflectance = albedo[part.view];
       divisor = Planes(width, height, 3);
       Planes divided(width, height, 3);  // light that is divided and light that is not have nothing in common
-      set_values(divisor, [&](int c, int y, int x) {
+      for_values(divisor, [&](int c, int y, int x, float) {
         const float r = reflectance.row(c, y)[x];
         return r < kLeastDivisor ? 1.0f : r;
       });
-      set_values(divided, [&](int c, int y, int x) { return reflectance.row(c, y)[x] < kLeastDivisor ? 0.0f : 1.0f; });
+      for_values(divided,
+                 [&](int c, int y, int x, float) { return reflectance.row(c, y)[x] < kLeastDivisor ? 0.0f : 1.0f; });
       stack.add({std::move(divided), {}});
       const auto divide = [&](Planes& p, bool squared) {
         for (std::size_t i = 0; i < p.values().size(); ++i) {

@@ -665,6 +665,34 @@ TEST_F(DenoiseOidn, IsLoadedAndRecorded) {
   }
 }
 
+// It copes with most fireflies: only what outshines the other half by far is held back, unless all is asked for.
+TEST_F(DenoiseOidn, HoldsFarOutliersBack) {
+  for (const float bright : {20.0f, 2000.0f}) {
+    const Shot shot{.last = 3, .spp = 8};
+    const std::string name = fmt::format("in{}", bright);
+    for (int f = 1; f <= 3; ++f) {
+      Frame frame = make(shot, f);
+      if (f == 2) {
+        for (const auto& [layer, part] : {std::pair{"color", 0.5f}, {"color.a", 1.0f}})
+          frame.layer(layer).pixel(30, 20)[1] += part * bright;
+      }
+      write_frame(frame_path(pattern(name), f), frame);
+    }
+    const auto share = [&](const std::string& out, Flags flags) {
+      flags.merge(Flags(stub_));
+      run(FrameSequence(pattern(name)), name + out, flags);
+      return std::get<double>(result(name + out, 2).metadata.at("tempera/denoise_held_share"));
+    };
+    const double held = share("auto", {}), all = share("hold", {{"fireflies", "hold"}});
+    EXPECT_GT(all, 1e-4) << bright;
+    if (bright > 1000) {
+      EXPECT_GT(held, 0.5 * all);
+    } else {
+      EXPECT_LT(held, 0.01 * all);
+    }
+  }
+}
+
 TEST_F(DenoiseOidn, MustBeThereInTheVersionThatIsAskedFor) {
   const FrameSequence in = write("in", {.last = 3});
   const auto refusal = [&](const Flags& flags) {
