@@ -230,6 +230,7 @@ void Denoiser::denoise_nl_means(int frame, Group& group) {
   bundles.push_back(bundle(frame, group.parts, group.divided, nullptr));
   for (const auto& [f, track] : tracks) bundles.push_back(bundle(f, group.parts, group.divided, &track));
   std::vector<NlMeansFrame> frames;
+  frames.reserve(bundles.size());
   for (const Bundle& b : bundles)
     frames.push_back({&b.light.a, pointer(b.light.b), &b.light.variance, pointer(b.valid), pointer(b.features)});
   NlMeansSettings settings = nl_means_settings(group.parts, group.divided);

@@ -275,6 +275,7 @@ void grow(Grid<Place>& places) {
   }
   while (!ring.empty()) {
     std::vector<Place> values;
+    values.reserve(ring.size());
     for (const std::size_t i : ring) values.push_back(*farthest_around(i));
     for (std::size_t k = 0; k < ring.size(); ++k) places[ring[k]] = values[k];
     ring = next_ring(ring, kAround, w, h, [&](std::size_t, std::size_t j) { return !places[j].valid(); });
