@@ -288,11 +288,18 @@ void settle_stages(const ShotConfig& config, std::span<const LayerDesc> layers, 
 /// What stages need of each other, and of how frames are rendered for them. Errors: Error{kUnsupported | kBadInput} where
 /// the shot asks for what they cannot do.
 void settle_stage_needs(const ShotConfig& config, Shot& shot) {
-  // Frames around a key are not rendered at all: it is denoised alone.
+  // Frames around a key are not rendered at all: it is denoised alone. And each class of light by itself, as classes are
+  // what is followed to the next key.
   bool keys = false;
   for (std::size_t i = shot.stages.size(); i-- > 0;) {
     StageChoice& choice = shot.stages[i].choice;
-    if (keys && choice.entry->name == kDenoiser && !config.find("denoise.radius")) choice.params.set("radius", 0);
+    if (keys && choice.entry->name == kDenoiser) {
+      if (!config.find("denoise.radius")) choice.params.set("radius", 0);
+      const std::string& method = choice.params.get_string("method");
+      const bool takes_recipes = method != "published" && method != "rmz13";
+      if (shot.settings.classes_are_decomposition && takes_recipes && !config.find("denoise.recipe"))
+        choice.params.set("recipe", "classes");
+    }
     keys |= choice.entry->takes_keys;
   }
   Shutter& shutter = shot.settings.clock.shutter;

@@ -251,6 +251,28 @@ TEST(RunPlan, FastRendersEveryFourthFrameSharpAndHalfAsLarge) {
   EXPECT_DOUBLE_EQ(own.stages[5].choice.params.get_double("shutter"), 1);
 }
 
+TEST(RunPlan, FastFollowsTheClassesOfADecomposition) {
+  const std::string fast = "quality = \"fast\"\n[film]\nresolution = \"64x36\"\n";
+  const auto recipe = [](const RunPlan& p) { return p.stages[0].choice.params.get_string("recipe"); };
+  EXPECT_EQ(recipe(plan(fast)), "auto");
+  const std::string tree = "[decompose]\ntree = \"default\"\n";
+  const RunPlan p = plan(fast + tree);
+  EXPECT_EQ(recipe(p), "classes");
+  const auto has = [](const std::vector<LayerDesc>& layers, const char* name) {
+    return std::any_of(layers.begin(), layers.end(), [&](const LayerDesc& d) { return d.name == name; });
+  };
+  for (const char* layer : {"class.reflection.color.a", "chain.RD.albedo"}) {
+    EXPECT_TRUE(has(rendered_layers(p.render), layer)) << layer;
+    EXPECT_TRUE(has(rendered_layers(*p.guides), layer)) << layer;
+  }
+  if (!layers::chain_motion().empty()) {
+    for (const char* layer : {"chain.RD.motion.forward", "chain.RD.object_id"})
+      EXPECT_TRUE(has(rendered_layers(*p.guides), layer)) << layer;
+  }
+  EXPECT_EQ(recipe(plan(fast + tree + "[denoise]\nrecipe = \"halves\"\n")), "halves");
+  EXPECT_EQ(recipe(plan(fast + tree + "[denoise]\nmethod = \"rmz13\"\n")), "auto");
+}
+
 TEST(RunPlan, WhatCannotBeMadeOfFewFramesIsRefused) {
   const auto error_of = [](const std::string& toml) {
     try {

@@ -19,14 +19,17 @@ std::vector<std::string> chains_of_class(const PathClass& path_class) {
   const LightPathClassifier classifier({path_class.expression});
   std::vector<std::pair<std::string, LightPathClassifier::State>> prefixes{{"", classifier.start()}};
   std::vector<std::string> chains;
-  constexpr std::size_t kMaxSpecular = 3;
   for (std::size_t i = 0; i < prefixes.size(); ++i) {
     const auto [letters, state] = prefixes[i];
     if (classifier.alive(classifier.next(state, Event::kDiffuse))) chains.push_back(letters + "D");
-    if (letters.size() == kMaxSpecular) continue;
-    prefixes.push_back({letters + "R", classifier.next(state, Event::kReflection)});
-    prefixes.push_back({letters + "T", classifier.next(state, Event::kTransmission)});
+    if (letters.size() == std::size_t(layers::kMaxChain)) continue;
+    for (const auto& [letter, event] : {std::pair{"R", Event::kReflection}, {"T", Event::kTransmission}}) {
+      const auto next = classifier.next(state, event);
+      if (classifier.alive(next)) prefixes.push_back({letters + letter, next});
+    }
   }
+  constexpr std::size_t kMost = 16, kFew = 3;
+  if (chains.size() > kMost) std::erase_if(chains, [](const std::string& c) { return c.size() > kFew + 1; });
   return chains;
 }
 

@@ -158,5 +158,12 @@ TEST(ChainFeatures, OfTheDefaultDecomposition) {
   EXPECT_FALSE(LightPathClassifier(expressions).overlap());
 }
 
+TEST(ChainFeatures, OfOtherClasses) {
+  EXPECT_EQ(chains_of_class({"trans4", "ETTTTD.*"}), (std::vector<std::string>{"TTTTD"}));
+  EXPECT_EQ(chains_of_class({"mirrors", "ER+D.*"}),
+            (std::vector<std::string>{"RD", "RRD", "RRRD", "RRRRD", "RRRRRD", "RRRRRRD"}));
+  EXPECT_EQ(chains_of_class({"all", "E.*"}).size(), 15u) << "those of up to three events";
+}
+
 }  // namespace
 }  // namespace tempera

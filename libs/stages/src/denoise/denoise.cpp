@@ -30,8 +30,10 @@ const std::vector<ParamSpec> kParams = {
      .fallback = std::string("auto"),
      .help =
          "what is denoised: single, the mean of all samples; halves, each half of them; components, the same by class "
-         "of light paths; auto goes by the number of samples",
-     .choices = {"auto", "single", "halves", "components"}},
+         "of light paths as far as that gains; classes, each class by itself and along the vectors of what it is seen "
+         "on, "
+         "all of which are written; auto goes by the number of samples",
+     .choices = {"auto", "single", "halves", "components", "classes"}},
     {"radius", 2, "frames before and after that are averaged along motion; 0: each frame alone", 0, 4},
     {"cuts", std::string(), "first frames of new shots, e.g. 25,61, where motion vectors do not say so"},
     {.name = "fireflies",
@@ -56,7 +58,9 @@ class Denoise final : public Stage {
 
   SequenceDesc output(std::span<const SequenceDesc> in) const override {
     SequenceDesc out = in[0];
-    std::erase_if(out.layers, [](const LayerDesc& d) { return !survives(d); });
+    const std::vector<std::string> clean =
+        settings_.recipe == denoise::Recipe::kClasses ? Available(in[0].layers).classes : std::vector<std::string>{};
+    std::erase_if(out.layers, [&](const LayerDesc& d) { return !survives(d, clean); });
     return out;
   }
 
@@ -75,15 +79,23 @@ class Denoise final : public Stage {
       out.push_back({layers::depth(), false});
       return out;
     }
+    const bool by_class = settings_.recipe == denoise::Recipe::kClasses;
     std::vector<std::string> chains = available.chains;
-    if (any_chain) chains.push_back(layers::kAnyChain);
+    if (by_class && !available.classes.empty()) {  // a shot can have them rendered
+      for (const std::string chain : layers::kCommonChains) {
+        if (std::find(chains.begin(), chains.end(), chain) == chains.end()) chains.push_back(chain);
+      }
+    }
+    if (any_chain && !by_class) chains.push_back(layers::kAnyChain);
     for (const std::string& chain : chains) {
-      for (const LayerDesc& d : {layers::albedo(), layers::normal()})
-        out.push_back({layers::chain_layer(chain, d), false});
-      if (published) out.push_back({layers::chain_layer(chain, layers::object_id()), false});
+      const auto add = [&](const LayerDesc& d) { out.push_back({layers::chain_layer(chain, d), false}); };
+      add(layers::albedo()), add(layers::normal());
+      if (published) add(layers::object_id());
+      if (!by_class || chain == "D" || layers::chain_motion().empty()) continue;
+      add(layers::motion_forward()), add(layers::motion_backward());
     }
     const bool automatic = settings_.recipe == denoise::Recipe::kAuto && settings_.method != denoise::Method::kNlMeans;
-    if (published || settings_.recipe == denoise::Recipe::kComponents || automatic) {
+    if (published || by_class || settings_.recipe == denoise::Recipe::kComponents || automatic) {
       for (const std::string& name : available.classes) {
         for (const LayerDesc& d : {layers::color(), layers::color_a(), layers::color_b()})
           out.push_back({layers::class_layer(name, d), false});
@@ -130,7 +142,9 @@ class Denoise final : public Stage {
   }
 
   /// Statistics and parts of the noisy picture are not those of the clean one.
-  static bool survives(const LayerDesc& d) {
+  static bool survives(const LayerDesc& d, std::span<const std::string> clean_classes) {
+    const bool clean = std::find(clean_classes.begin(), clean_classes.end(), d.path_class) != clean_classes.end();
+    if (clean && d.name == layers::class_layer(d.path_class, layers::color()).name) return true;
     return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
            d.role != LayerRole::kReconstruction;
   }
@@ -161,6 +175,7 @@ denoise::Settings::Settings(const Params& params)
   recipe = is("recipe", "single")       ? Recipe::kSingle
            : is("recipe", "halves")     ? Recipe::kHalves
            : is("recipe", "components") ? Recipe::kComponents
+           : is("recipe", "classes")    ? Recipe::kClasses
                                         : Recipe::kAuto;
   if (!is("fireflies", "auto")) hold_fireflies = is("fireflies", "hold");
   if (method == Method::kPublished || method == Method::kRmz13) {

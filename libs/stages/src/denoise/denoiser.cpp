@@ -55,6 +55,13 @@ Available::Available(std::span<const LayerDesc> layers) {
       chains.push_back(d.chain);
   }
   any_chain = std::erase(chains, layers::kAnyChain) > 0;
+#ifdef TEMPERA_PATH_SPACE_MOTION
+  for (const std::string& chain : chains) {
+    if (has(layers::chain_layer(chain, layers::motion_forward())) &&
+        has(layers::chain_layer(chain, layers::motion_backward())))
+      moving.push_back(chain);
+  }
+#endif
 }
 
 std::vector<std::string> Available::losses(bool alone) const {
@@ -124,10 +131,15 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
   }
   few_ = samples <= kFew;
   thorough_ = samples >= kMany;
-  if (recipe_ == Recipe::kComponents && scattered.empty()) {
-    log_info(
-        "no classes of a decomposition with halves that the first surface scatters: all light is filtered together");
+  if ((recipe_ == Recipe::kComponents && scattered.empty()) ||
+      (recipe_ == Recipe::kClasses && available_.classes.empty())) {
+    log_info(fmt::format("no classes of a decomposition with halves{}: all light is filtered together",
+                         recipe_ == Recipe::kComponents ? " that the first surface scatters" : ""));
     recipe_ = Recipe::kHalves;
+  }
+  if (recipe_ == Recipe::kClasses && !available_.classes.empty()) {
+    part_by_class(metadata);
+    return;
   }
   if (recipe_ == Recipe::kComponents) {
     std::vector<std::string> rest = available_.chains;
@@ -144,6 +156,25 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
   if (show && (parts_.size() == 1 || available_.chains.empty())) {
     views_ = {{layers::kAnyChain}};
     parts_.back().view = 0;
+  }
+}
+
+void Denoiser::part_by_class(const Metadata& metadata) {
+  const auto index_of = [](std::vector<std::vector<std::string>>& lists, const std::vector<std::string>& chains) {
+    const auto at = std::find(lists.begin(), lists.end(), chains);
+    if (at != lists.end()) return std::size_t(at - lists.begin());
+    lists.push_back(chains);
+    return lists.size() - 1;
+  };
+  views_ = {{}};
+  for (const ClassView& view : class_views(available_, metadata)) {
+    std::vector<std::string> moving;
+    for (const std::string& chain : view.chains) {
+      if (chain != "D" &&
+          std::find(available_.moving.begin(), available_.moving.end(), chain) != available_.moving.end())
+        moving.push_back(chain);
+    }
+    parts_.push_back({{view.name}, index_of(views_, view.chains), !view.divide, index_of(paths_, moving)});
   }
 }
 
@@ -190,12 +221,12 @@ void Denoiser::forget() {
   }
 }
 
-Denoiser::Tracks Denoiser::tracks(int frame, int distance) {
+Denoiser::Tracks Denoiser::tracks(int frame, int distance, const Part& part) {
   const FrameRange range = around(frame, distance);
   Tracks out;
   for (int f = range.first; f <= range.last; ++f) {
     if (f == frame) continue;
-    Track track = follow(frame, f, [&](int g) -> const Surfaces& { return source(g).surfaces; });
+    Track track = follow(frame, f, [&](int g) -> const Surfaces& { return source(g).surfaces[part.moves]; });
     if (!track.empty()) out.emplace(f, std::move(track));
   }
   return out;
@@ -207,16 +238,17 @@ Denoiser::Averaged Denoiser::average(int frame) {
   const Source& here = source(frame);
   const auto start = cpu_seconds();
   Averaged out;
-  const Tracks tracks = this->tracks(frame, radius_);
+  Tracks tracks;
   const bool by_halves = recipe_ != Recipe::kSingle && here.light[0].halves();
   for (std::size_t part = 0; part < parts_.size(); ++part) {
+    if (part == 0 || parts_[part].moves != parts_[part - 1].moves) tracks = this->tracks(frame, radius_, parts_[part]);
     Light light = here.light[part].light();
     const Planes own = light.mean(), own_variance = light.variance;
     Planes total(own.width(), own.height(), 1, 1);
     Likeness likeness;
     likeness.floor = noise_floor(own);
     // NL-means leaves bright specks unless it has all that averages over time take of them.
-    if (oidn_) likeness.wide_k = kWideLikeness;
+    if (oidn_ && parts_[part].moves == 0) likeness.wide_k = kWideLikeness;
     for (const auto& [f, track] : tracks) {
       const PackedLight& there = source(f).light[part];
       const Planes a = gather_nearest(there.a, track), b = there.halves() ? gather_nearest(there.b, track) : Planes();
@@ -249,87 +281,121 @@ Denoiser::Averaged Denoiser::average(int frame) {
   return out;
 }
 
+Denoiser::Pictures Denoiser::average_after(int frame, std::size_t g) {
+  const Group& group = denoised(frame)[g];
+  const Averaged& noisy = averaged(frame);
+  const Light clean = group.light.light();
+  const Planes own = clean.mean();
+  const bool by_halves = recipe_ != Recipe::kSingle && clean.halves(),
+             residuals = settings_.residuals && clean.halves();
+  const Planes variance = by_halves ? half_variance(clean.a, clean.b, kVarianceRadius) : Planes();
+  const Likeness likeness{.k = 1, .radius = 2, .relative = 1e-6f, .floor = noise_floor(own)};
+  const Tracks tracks = this->tracks(frame, radius_, parts_[group.parts[0]]);
+  Planes total(own.width(), own.height(), 1, 1);
+  std::map<int, Planes> weights;
+  Pictures out{own, {}, {}, {}, {}};
+  if (residuals) out.clean_a = clean.a, out.clean_b = clean.b;
+  for (const auto& [f, track] : tracks) {
+    const Denoised& those = denoised(f);
+    if (those.size() != denoised(frame).size()) continue;  // what is filtered together there is not so here
+    const Light there = those[g].light.light();
+    const Planes value = gather_smooth(there.mean(), track);
+    Planes weight;
+    if (by_halves) {
+      const Planes other = gather_nearest(half_variance(there.a, there.b, kVarianceRadius), track);
+      weight = likeness_weights(own, variance, value, other, track.valid, likeness);
+    } else {
+      weight = noisy.weights.at(f)[group.parts[0]].planes();
+      for (const std::size_t part : group.parts) {
+        const PackedPlanes& w = noisy.weights.at(f)[part];
+        for_values(weight, [&](int, int y, int x, float v) { return std::min(v, w.at(0, y, x)); });
+      }
+    }
+    add_weighted(value, weight, out.clean);
+    if (residuals) {
+      add_weighted(gather_smooth(there.a, track), weight, out.clean_a);
+      add_weighted(gather_smooth(there.b, track), weight, out.clean_b);
+    }
+    for_values(total, [&](int, int y, int x, float v) { return v + weight.row(0, y)[x]; });
+    if (residuals) weights.emplace(f, std::move(weight));
+  }
+  const Planes factor = group.factor.planes();
+  for (Planes* p : {&out.clean, &out.clean_a, &out.clean_b}) {
+    if (p->empty()) continue;
+    divide(*p, total);
+    for_values(*p, [&](int c, int y, int x, float v) { return v * factor.row(c, y)[x]; });
+  }
+  if (!residuals) return out;
+  out.a = out.b = Planes(own.width(), own.height(), 3);
+  for (const std::size_t part : group.parts) {
+    const Planes d = divisor(source(frame), {part});
+    for (const bool first : {true, false}) {
+      const auto half = [&](const PackedLight& l) { return (first ? l.a : l.b).planes(); };
+      Planes light = half(noisy.light[part]);
+      for (const auto& [f, weight] : weights)
+        add_weighted(gather_smooth(half(averaged(f).light[part]), tracks.at(f)), weight, light);
+      divide(light, total);
+      for_values(first ? out.a : out.b, [&](int c, int y, int x, float v) {
+        return v + light.row(c, y)[x] * (d.empty() ? 1.0f : d.row(c, y)[x]);
+      });
+    }
+  }
+  return out;
+}
+
+Planes Denoiser::with_residuals(const Pictures& p) {
+  if (p.a.empty()) return p.clean;
+  const auto start = cpu_seconds();
+  Planes out = return_residuals({p.a, p.b, p.clean_a, p.clean_b, p.clean}, 1);
+  spent("residuals", start);
+  return out;
+}
+
 Frame Denoiser::make(int frame) {
   making_ = frame;
   const FrameRange range = around(frame, radius_);
   for (int f = range.first; f <= range.last; ++f) denoised(f);
-  const Denoised& here = denoised(frame);
-  const Averaged& noisy = averaged(frame);
-  const auto start = cpu_seconds();
   const int width = run_.in()[0].width, height = run_.in()[0].height;
-  const bool halves = here[0].light.halves();
-  const bool residuals = settings_.residuals && halves;
-  // The denoised picture and, for residuals, its halves and the noisy ones.
-  enum { kClean, kCleanA, kCleanB, kA, kB, kPictures };
-  std::vector<Planes> sums(residuals ? kPictures : 1, Planes(width, height, 3));
-  const Tracks tracks = this->tracks(frame, radius_);
-  for (std::size_t g = 0; g < here.size(); ++g) {
-    const Group& group = here[g];
-    const Light clean = group.light.light();
-    const Planes own = clean.mean();
-    const bool by_halves = recipe_ != Recipe::kSingle && halves;
-    const Planes variance = by_halves ? half_variance(clean.a, clean.b, kVarianceRadius) : Planes();
-    Likeness likeness{.k = 1, .radius = 2, .relative = 1e-6f, .floor = noise_floor(own)};
-    Planes total(width, height, 1, 1);
-    std::map<int, Planes> weights;
-    std::vector<Planes> sum = residuals ? std::vector{own, clean.a, clean.b} : std::vector{own};
-    for (const auto& [f, track] : tracks) {
-      const Denoised& those = denoised(f);
-      if (those.size() != here.size()) continue;  // what is filtered together there is not so here
-      const Light there = those[g].light.light();
-      std::vector<Planes> values{gather_smooth(there.mean(), track)};
-      if (residuals) values.push_back(gather_smooth(there.a, track)), values.push_back(gather_smooth(there.b, track));
-      Planes weight;
-      if (by_halves) {
-        const Planes other = gather_nearest(half_variance(there.a, there.b, kVarianceRadius), track);
-        weight = likeness_weights(own, variance, values[kClean], other, track.valid, likeness);
-      } else {
-        weight = noisy.weights.at(f)[group.parts[0]].planes();
-        for (const std::size_t part : group.parts) {
-          const PackedPlanes& w = noisy.weights.at(f)[part];
-          for_values(weight, [&](int, int y, int x, float v) { return std::min(v, w.at(0, y, x)); });
-        }
-      }
-      for (std::size_t i = 0; i < sum.size(); ++i) add_weighted(values[i], weight, sum[i]);
-      for_values(total, [&](int, int y, int x, float v) { return v + weight.row(0, y)[x]; });
-      if (residuals) weights.emplace(f, std::move(weight));
+  const std::size_t groups = denoised(frame).size();
+  std::vector<Planes> clean;  // of each class, or of all light
+  Pictures all;
+  for (std::size_t g = 0; g < groups; ++g) {
+    const auto start = cpu_seconds();
+    Pictures pictures = average_after(frame, g);
+    spent("average after", start);
+    if (recipe_ == Recipe::kClasses) {
+      clean.push_back(with_residuals(pictures));
+      continue;
     }
-    const Planes factor = group.factor.planes();
-    for (std::size_t i = 0; i < sum.size(); ++i) {
-      divide(sum[i], total);
-      for_values(sums[i], [&](int c, int y, int x, float v) { return v + sum[i].row(c, y)[x] * factor.row(c, y)[x]; });
-    }
-    if (!residuals) continue;
-    for (const std::size_t part : group.parts) {
-      const Planes d = divisor(source(frame), {part});
-      for (const int i : {kA, kB}) {
-        const auto half = [&](const PackedLight& l) { return (i == kA ? l.a : l.b).planes(); };
-        Planes light = half(noisy.light[part]);
-        for (const auto& [f, weight] : weights)
-          add_weighted(gather_smooth(half(averaged(f).light[part]), tracks.at(f)), weight, light);
-        divide(light, total);
-        for_values(sums[std::size_t(i)], [&](int c, int y, int x, float v) {
-          return v + light.row(c, y)[x] * (d.empty() ? 1.0f : d.row(c, y)[x]);
-        });
+    const std::array<Planes Pictures::*, 5> members{&Pictures::clean, &Pictures::clean_a, &Pictures::clean_b,
+                                                    &Pictures::a, &Pictures::b};
+    for (Planes Pictures::*const member : members) {
+      Planes& sum = all.*member;
+      const Planes& more = pictures.*member;
+      if (g == 0) {
+        sum = std::move(pictures.*member);
+      } else if (!sum.empty()) {
+        for_values(sum, [&](int c, int y, int x, float v) { return v + more.row(c, y)[x]; });
       }
     }
   }
-  spent("average after", start);
-  if (residuals) {
-    const auto begin = cpu_seconds();
-    sums[kClean] = return_residuals({sums[kA], sums[kB], sums[kCleanA], sums[kCleanB], sums[kClean]}, 1);
-    spent("residuals", begin);
-  }
+  if (recipe_ != Recipe::kClasses) clean.push_back(with_residuals(all));
   const Held held = source(frame).held;
   forget();
   Frame out = run_.start(frame);
-  Image& color = out.layer(layers::color().name);
-  for_rows(height, [&](int y) {
-    for (int x = 0; x < width; ++x) {
-      float* to = color.pixel(x, y);
-      for (int c = 0; c < 3; ++c) to[c] = std::max(sums[kClean].row(c, y)[x], 0.0f);
-    }
-  });
+  const auto write = [&](Image& color, const Planes& from, bool add) {
+    for_rows(height, [&](int y) {
+      for (int x = 0; x < width; ++x) {
+        float* to = color.pixel(x, y);
+        for (int c = 0; c < 3; ++c) to[c] = (add ? to[c] : 0) + std::max(from.row(c, y)[x], 0.0f);
+      }
+    });
+  };
+  for (std::size_t i = 0; i < clean.size(); ++i) {
+    write(out.layer(layers::color().name), clean[i], i > 0);
+    if (recipe_ == Recipe::kClasses)
+      write(out.layer(layers::class_layer(parts_[i].classes[0], layers::color()).name), clean[i], false);
+  }
   if (firefly_ && held.all > 0) out.metadata["tempera/denoise_held_share"] = held.share();
   held_.held += held.held, held_.all += held.all;
   ++frames_;
@@ -337,9 +403,10 @@ Frame Denoiser::make(int frame) {
 }
 
 std::vector<std::string> Denoiser::notes() const {
-  const char* const how = recipe_ == Recipe::kComponents ? "halves of the samples, by class of light paths"
-                          : recipe_ == Recipe::kHalves   ? "halves of the samples"
-                                                         : "all samples together";
+  const char* const how = recipe_ == Recipe::kClasses ? "halves of the samples, each class of light paths by itself"
+                          : recipe_ == Recipe::kComponents ? "halves of the samples, by class of light paths"
+                          : recipe_ == Recipe::kHalves     ? "halves of the samples"
+                                                           : "all samples together";
   std::vector<std::string> out{fmt::format("denoised by {}: {}", describe_method(oidn_.get()), how)};
   if (damaged_ > 0) out.push_back(fmt::format("{} values that are not finite or beyond 1e14 count as 0", damaged_));
   if (firefly_ && held_.all > 0)

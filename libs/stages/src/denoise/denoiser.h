@@ -30,7 +30,8 @@ enum class Recipe {
   kAuto,        ///< by the number of samples and what layers there are
   kSingle,      ///< they are denoised together; what is alike over time is judged by the noisy pictures
   kHalves,      ///< each is denoised, and what is alike is judged by the results
-  kComponents,  ///< the same for each class of paths
+  kComponents,  ///< the same for what the first surface scatters, and for the rest
+  kClasses,     ///< the same for each class of paths, along the vectors of what it is seen on
 };
 
 enum class Method { kAuto, kNlMeans, kOidn, kPublished, kRmz13 };
@@ -63,6 +64,7 @@ struct Available {
   bool any_chain = false;            ///< features of all chains together
   std::vector<std::string> classes;  ///< of a decomposition, that have halves of their own
   std::vector<std::string> chains;   ///< that have features of their own
+  std::vector<std::string> moving;   ///< of these, that have vectors
   /// What is lost, a sentence each.
   std::vector<std::string> losses(bool alone) const;
 };
@@ -94,11 +96,13 @@ class Denoiser {
     bool is_zero() const { return a.is_zero() && b.is_zero(); }
     Light light() const { return {a.planes(), b.planes(), variance.planes()}; }
   };
-  /// What is averaged over time by itself: all light, that of the classes which one kind of surface scatters, or the rest.
+  /// What is averaged over time by itself: all light, that of the classes which one kind of surface scatters, the rest, or
+  /// that of one class.
   struct Part {
     std::vector<std::string> classes;  ///< empty: what is of no other part
     std::size_t view;                  ///< of the surfaces that send it on
     bool emits;                        ///< whether some of it comes from where there is no reflectance to divide it by
+    std::size_t moves = 0;             ///< what it moves with: surfaces of a source
   };
   /// Surfaces that are seen, the first ones that scatter after chains of mirrors and glass; features of several chains add
   /// up to what reaches the camera.
@@ -111,7 +115,7 @@ class Denoiser {
     double share() const { return held / all; }
   };
   struct Source {
-    Surfaces surfaces;
+    std::vector<Surfaces> surfaces;  ///< of each path that light is followed along
     std::vector<View> views;
     PackedPlanes emitter;            ///< 1 near what emits light: it has no reflectance that it could be divided by
     std::vector<PackedLight> light;  ///< of each part, divided where it can be
@@ -134,6 +138,10 @@ class Denoiser {
     PackedPlanes factor;  ///< that makes it radiance again
   };
   using Denoised = std::vector<Group>;
+  /// Radiance of a group, averaged over time: denoised, and for residuals its halves and the noisy ones.
+  struct Pictures {
+    Planes clean, clean_a, clean_b, a, b;
+  };
   using Tracks = std::map<int, Track>;  ///< by frame
 
   const Source& source(int frame);
@@ -142,10 +150,16 @@ class Denoiser {
   Source read(int frame);
   Averaged average(int frame);
   Denoised denoise(int frame);
+  /// Group `g` of a frame, averaged with those of the frames around.
+  Pictures average_after(int frame, std::size_t g);
+  /// The clean picture with the residuals that are given back, if there are any.
+  Planes with_residuals(const Pictures& pictures);
+  /// One part for each class of a decomposition.
+  void part_by_class(const Metadata& metadata);
   /// Drops what no frame needs any more that is still to be made.
   void forget();
-  /// Where the pixels of a frame are in those around.
-  Tracks tracks(int frame, int distance);
+  /// Where what pixels of a frame show of a part is in those around.
+  Tracks tracks(int frame, int distance, const Part& part);
   /// Features of the surfaces that parts are seen on together.
   struct Features {
     Planes albedo, normal;
@@ -185,6 +199,8 @@ class Denoiser {
   /// Chains (layers::chain_layer) that are seen together; of the first without any the first surface is seen.
   std::vector<std::vector<std::string>> views_;
   std::vector<Part> parts_;
+  /// Chains (of layers::chain_layer) whose vectors light is followed along; of the first, none, it is the first surface.
+  std::vector<std::vector<std::string>> paths_{{}};
   int radius_;
   std::shared_ptr<Oidn> oidn_;
   Recipe recipe_;

@@ -23,8 +23,9 @@ Denoiser::Source Denoiser::read(int frame) {
   const bool by_class = parts_.size() > 1;
   InputFrame in(run_, frame, [&](const LayerDesc& d) {
     if (d.path_class.empty()) return true;
-    const std::vector<std::string>& wanted = parts_[0].classes;
-    return by_class && std::find(wanted.begin(), wanted.end(), d.path_class) != wanted.end();
+    return by_class && std::any_of(parts_.begin(), parts_.end(), [&](const Part& part) {
+             return std::find(part.classes.begin(), part.classes.end(), d.path_class) != part.classes.end();
+           });
   });
   spent("read", start);
   const auto prepared = cpu_seconds();
@@ -49,7 +50,7 @@ Denoiser::Source Denoiser::read(int frame) {
     }
     out.views.push_back({PackedPlanes(seen.albedo), PackedPlanes(seen.normal)});
   }
-  Surfaces& s = out.surfaces;
+  Surfaces s;
   s.normal = PackedPlanes(first_normal);
   if (available_.motion && radius_ > 0) {
     s.forward = in.vectors(layers::motion_forward()), s.backward = in.vectors(layers::motion_backward());
@@ -77,6 +78,9 @@ Denoiser::Source Denoiser::read(int frame) {
   const Planes id = planes(layers::object_id(), 1);
   for_values(
       s.id, [&](int, int y, int x, float) { return (id.empty() ? 0.0f : 2 * id.row(0, y)[x]) + emitter.row(0, y)[x]; });
+  out.surfaces.push_back(std::move(s));
+  for (std::size_t i = 1; i < paths_.size() && radius_ > 0; ++i)
+    out.surfaces.push_back(in.moving(out.surfaces[0], paths_[i]));
   out.emitter = PackedPlanes(emitter);
 
   const auto halves_of = [](const Planes& all, const Planes& a, const Planes& b) {

@@ -155,7 +155,7 @@ Denoiser::Bundle Denoiser::bundle(int frame, const std::vector<std::size_t>& par
 }
 
 Denoiser::Trial Denoiser::try_both(int frame) {
-  if (parts_.size() == 1) return {};
+  if (parts_.size() == 1 || recipe_ == Recipe::kClasses) return {};
   const auto start = cpu_seconds();
   const int width = run_.in()[0].width, height = run_.in()[0].height;
   const Light truth = light_of(frame, all_parts(), false);
@@ -201,6 +201,7 @@ Denoiser::Trial Denoiser::try_both(int frame) {
 }
 
 bool Denoiser::is_apart(int frame) {
+  if (recipe_ == Recipe::kClasses) return true;
   if (parts_.size() == 1) return false;
   Trial sum;
   const FrameRange range = around(frame, std::min(radius_, 1));
@@ -224,7 +225,7 @@ Planes Denoiser::factor(const Source& source, const std::vector<std::size_t>& pa
 
 void Denoiser::denoise_nl_means(int frame, Group& group) {
   const auto start = cpu_seconds();
-  const Tracks tracks = this->tracks(frame, std::min(radius_, 1));
+  const Tracks tracks = this->tracks(frame, std::min(radius_, 1), parts_[group.parts[0]]);
   std::vector<Bundle> bundles;
   bundles.reserve(tracks.size() + 1);
   bundles.push_back(bundle(frame, group.parts, group.divided, nullptr));

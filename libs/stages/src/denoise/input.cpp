@@ -110,6 +110,28 @@ ChainView InputFrame::chains(std::span<const std::string> chains) {
   return sum;
 }
 
+Surfaces InputFrame::moving(Surfaces first, std::span<const std::string> chains) {
+  const int width = run_.in()[0].width, height = run_.in()[0].height;
+  Planes most(width, height, 1);
+  for (const std::string& chain : chains) {
+    const auto layer = [&](const LayerDesc& d) { return layers::chain_layer(chain, d); };
+    const Planes albedo = planes(layer(layers::albedo()), 3), forward = vectors(layer(layers::motion_forward())),
+                 backward = vectors(layer(layers::motion_backward()));
+    for_rows(height, [&](int y) {
+      for (int x = 0; x < width; ++x) {
+        const float light = luminance(albedo.row(0, y)[x], albedo.row(1, y)[x], albedo.row(2, y)[x]);
+        if (!(light > most.row(0, y)[x])) continue;
+        most.row(0, y)[x] = light;
+        for (const auto& [to, from] : {std::pair{&first.forward, &forward}, {&first.backward, &backward}}) {
+          if (from->row(0, y)[x] == kNowhere) continue;
+          for (int c = 0; c < 2; ++c) to->row(c, y)[x] = from->row(c, y)[x];
+        }
+      }
+    });
+  }
+  return first;
+}
+
 std::array<Planes, 2> centred_halves(const Planes& all, const Planes& a, const Planes& b) {
   std::array<Planes, 2> out{all, all};
   for (std::size_t i = 0; i < all.values().size(); ++i) {

@@ -47,6 +47,9 @@ class InputFrame {
   Planes take(const LayerDesc& layer, int channels);
   /// Motion vectors x, y, as Surfaces has them. Errors: as planes.
   Planes vectors(const LayerDesc& layer) const;
+  /// The first surfaces, with the vectors of what is seen by chains where there are such: of several chains, those of the
+  /// one that most light comes by. Errors: as planes.
+  Surfaces moving(Surfaces first, std::span<const std::string> chains);
   /// Errors: as planes.
   ChainView chains(std::span<const std::string> chains);
   /// Values so far that were not finite.

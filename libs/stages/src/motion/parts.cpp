@@ -62,6 +62,11 @@ std::vector<LayerDesc> chain_layers(std::span<const LayerDesc> layers) {
     for (const char* end : {".motion.forward", ".motion.backward", ".depth", ".object_id", ".albedo"}) {
       if (d.name.ends_with(end)) out.push_back(d);
     }
+    if (d.chain.empty() || d != layers::chain_layer(d.chain, layers::motion_forward())) continue;
+    for (const LayerDesc& more : {layers::depth(), layers::object_id()}) {  // a shot can have them rendered
+      const LayerDesc layer = layers::chain_layer(d.chain, more);
+      if (!has(layers, layer.name)) out.push_back(layer);
+    }
   }
   return out;
 }

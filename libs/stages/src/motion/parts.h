@@ -24,7 +24,7 @@ struct Part {
 /// surface. [Zimmer 2015, Sec. 3]
 std::vector<Part> parts_of(std::span<const LayerDesc> layers, const Metadata& metadata);
 
-/// Layers of chains that parts can make use of.
+/// Layers of chains that parts can make use of: those there are, and what else chains with vectors can have.
 std::vector<LayerDesc> chain_layers(std::span<const LayerDesc> layers);
 
 /// As read_surfaces, of the surfaces that a part is seen on: of several chains, the one that most light comes from. Where

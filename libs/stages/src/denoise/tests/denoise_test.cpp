@@ -188,11 +188,11 @@ TEST_F(Denoise, FramesAroundHelpAndWithoutThemEachIsAlone) {
 }
 
 TEST_F(Denoise, SameBitsForAnyThreadsAndChunks) {
-  for (const bool classes : {false, true}) {
-    const Shot shot{.last = 10, .classes = classes};
-    const std::string name = classes ? "classes_" : "whole_";
+  for (const std::string recipe : {"halves", "components", "classes"}) {
+    const Shot shot{.last = 10, .classes = recipe != "halves"};
+    const std::string name = recipe + "_";
     const FrameSequence in = write(name + "in", shot);
-    const Flags flags{{"recipe", classes ? "components" : "halves"}};
+    const Flags flags{{"recipe", recipe}};
     with_threads(1, [&] { run(in, name + "one", flags); });
     with_threads(3, [&] {
       for (const std::vector<int>& frames : {std::vector{1, 2, 3}, {7}, {1, 4, 9}})
@@ -262,6 +262,81 @@ TEST_F(Denoise, ClassesOfPathsAddUp) {
   const StageReport fallback = run(write("none", none), "none_out", {{"recipe", "components"}});
   EXPECT_EQ(fallback.notes[0].find("by class of light paths"), std::string::npos) << fallback.notes[0];
 }
+
+TEST_F(Denoise, EachClassStandsForItself) {
+  const Shot shot{.classes = true};
+  run(write("in", shot), "out", {{"recipe", "classes"}}, {.sections = {{.frames = {5}}}});
+  const Frame in = result("in", 5), out = result("out", 5);
+  EXPECT_LT(error("out", shot, 5), error("in", shot, 5) / 40);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      Rgb sum;
+      for (const char* name : {"class.direct.color", "class.mirrored.color", "class.residual.color"})
+        sum += out.layer(name).rgb(x, y);
+      for (int c = 0; c < 3; ++c) ASSERT_NEAR(sum[c], out.layer("color").at(x, y, c), 1e-6f);
+    }
+  }
+  EXPECT_FALSE(out.has("class.direct.color.a"));
+  // Which has half of the light.
+  double noisy = 0, clean = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const float truth = 0.5f * albedo_at(shot, 5, x, y) * light_at(shot, 5, x, y);
+      noisy += std::pow(double(in.layer("class.direct.color").at(x, y, 1) - truth), 2);
+      clean += std::pow(double(out.layer("class.direct.color").at(x, y, 1) - truth), 2);
+    }
+  }
+  EXPECT_LT(clean, noisy / 40);
+  const Shot none{.last = 3};
+  const StageReport fallback = run(write("none", none), "none_out", {{"recipe", "classes"}});
+  EXPECT_EQ(fallback.notes[0].find("each class"), std::string::npos) << fallback.notes[0];
+}
+
+#ifdef TEMPERA_PATH_SPACE_MOTION
+// A picture passes by in a mirror that stands still.
+TEST_F(Denoise, ClassesFollowWhatMirrorsShow) {
+  const Shot shot{.classes = true};
+  enum Vectors { kNone, kSome, kAll };
+  std::array<double, 3> errors{};
+  for (const Vectors vectors : {kNone, kSome, kAll}) {
+    const std::string in = fmt::format("in{}", int(vectors));
+    for (int f = shot.first; f <= shot.last; ++f) {
+      Frame frame = make(shot, f);
+      for (const char* half : {"color", "color.a", "color.b"}) {
+        const std::string name = half;
+        for (int y = 0; y < kHeight; ++y) {
+          for (int x = 0; x < kWidth; ++x) {
+            frame.layer("class.mirrored." + name).set_rgb(x, y, frame.layer(name).rgb(x, y));
+            for (const char* other : {"class.direct.", "class.residual."}) frame.layer(other + name).set_rgb(x, y, {});
+          }
+        }
+      }
+      for (const char* d : {"motion.forward", "motion.backward"}) {
+        const std::string chain = std::string("chain.RD.") + d;
+        Image moving = frame.layer(d);
+        for (int y = 0; y < kHeight; ++y) {
+          for (int x = 0; x < kWidth; ++x) {
+            frame.layer(d).at(x, y, 0) = 0;
+            if (vectors == kSome && x >= kWidth / 2) moving.at(x, y, 3) = 0;
+          }
+        }
+        const LayerDesc desc =
+            d == std::string("motion.forward") ? layers::motion_forward() : layers::motion_backward();
+        if (vectors != kNone) frame.add(layers::chain_layer("RD", desc), moving);
+      }
+      const Image white(kWidth, kHeight, 3, 1.0f);
+      frame.add(layers::chain_layer("RD", layers::albedo()), white);
+      frame.add(layers::chain_layer("RD", layers::normal()), frame.layer("normal"));
+      write_frame(frame_path(pattern(in), f), frame);
+    }
+    const std::string out = fmt::format("out{}", int(vectors));
+    run(FrameSequence(pattern(in)), out, {{"recipe", "classes"}}, {.sections = {{.frames = {5}}}});
+    errors[vectors] = error(out, shot, 5);
+  }
+  EXPECT_LT(errors[kAll], 0.5 * errors[kNone]);
+  EXPECT_LT(errors[kSome], 0.8 * errors[kNone]);
+}
+#endif
 
 TEST_F(Denoise, FirefliesAreHeldBackAndReported) {
   const Shot shot{.last = 5, .firefly_frame = 3};

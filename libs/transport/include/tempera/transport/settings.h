@@ -23,8 +23,8 @@ struct PathClass {
 /// with caustics out of indirect light, and one letter for glass that is a sheet.
 const std::vector<PathClass>& default_decomposition();
 
-/// Chains (layers::chain_layer) whose surfaces the light of a class is seen on, of up to three specular events: "D" for
-/// light on what is seen directly, "TD" and "TTD" for what is seen through glass.
+/// Chains (layers::chain_layer) whose surfaces the light of a class is seen on: "D" for light on what is seen directly, "TD"
+/// and "TTD" for what is seen through glass. Where there are more than 16, those of up to three specular events.
 std::vector<std::string> chains_of_class(const PathClass& path_class);
 
 /// A setting that an integrator cannot do with. Loaders turn it into an error at the place of the setting.
