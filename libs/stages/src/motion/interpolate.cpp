@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The stage `interpolate`: frames between key frames, see docs/motion-stages.md. Source: [Zimmer 2015, Sec. 5.3].
-// DEVIATION [Zimmer 2015, Sec. 5.3]: keys are not splatted. What a frame in between shows is known from guides, which
-// are rendered with few samples: their surfaces are followed to both keys, and light is gathered there.
+// DEVIATION [Zimmer 2015, Sec. 5.3]: but for method `published` keys are not splatted. What a frame in between shows is
+// known from guides, which are rendered with few samples: their surfaces are followed to both keys, and light is gathered
+// there.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -11,7 +12,7 @@
 
 #include "denoise/denoiser.h"
 #include "denoise/planes.h"
-#include "motion/parts.h"
+#include "motion/interpolation.h"
 #include "tempera/core/parallel.h"
 #include "tempera/stages/stage_run.h"
 
@@ -21,8 +22,12 @@ namespace {
 
 using denoise::box_mean;
 using denoise::Planes;
+using motion::image_of;
+using motion::Light;
+using motion::Made;
 using motion::Part;
 using motion::Place;
+using motion::planes_of;
 using motion::Surfaces;
 using motion::Taps;
 
@@ -30,48 +35,14 @@ enum Port { kKeys, kGuides };
 
 const std::vector<ParamSpec> kParams = {
     {"every", 4, "distance of key frames, from the first frame on; 0: all frames that there are", 0, 1000},
+    {.name = "method",
+     .fallback = std::string("gathered"),
+     .help =
+         "gathered follows what guides show to both keys; published projects keys to the frame, as Zimmer et al. 2015 "
+         "do, and takes nothing of the guides' light",
+     .choices = {"gathered", "published"}},
     {"cuts", std::string(),
      "first frames of new shots, e.g. 25,61: each is a key, and so is the frame before it; a shot's own are known"},
-};
-
-const Image* image_of(const Frame& frame, const std::string& name, int channels, const char* what, int number) {
-  const Layer* layer = frame.find(name);
-  if (!layer) return nullptr;
-  if (layer->image.channels() < channels) {
-    throw Error(ErrorCode::kBadInput, fmt::format("{} {}: the layer \"{}\" has {} channels, {} are needed", what,
-                                                  number, name, layer->image.channels(), channels));
-  }
-  return &layer->image;
-}
-
-Planes planes_of(const Image* image, int channels, float missing, int w, int h) {
-  if (!image) return {w, h, channels, missing};
-  Planes out(*image, channels);
-  for (float& v : out.values()) v = sound(v);
-  return out;
-}
-
-/// How the light of a part of a frame becomes irradiance: (color - emission) / divisor.
-struct Light {
-  Planes color;     ///< [h,w,3] radiance
-  Planes divisor;   ///< [h,w,3] reflectance, kLeastReflectance at least
-  Planes emission;  ///< [h,w,3]
-
-  Light(const Frame& frame, const Part& part, const char* what, int number)
-      : color(planes_of(image_of(frame, part.color, 3, what, number), 3, 0, frame.width(), frame.height())),
-        divisor(motion::reflectance_of(frame, part, denoise::kLeastReflectance), 3),
-        emission(frame.width(), frame.height(), 3) {
-    if (part.color == layers::color().name)
-      emission =
-          planes_of(image_of(frame, layers::emission().name, 3, what, number), 3, 0, frame.width(), frame.height());
-  }
-  Planes irradiance(const Planes& of) const {
-    Planes out = of;
-    for (std::size_t i = 0; i < out.values().size(); ++i) {
-      out.values()[i] = (of.values()[i] - emission.values()[i]) / divisor.values()[i];
-    }
-    return out;
-  }
 };
 
 /// The same surfaces of all frames from a key to the next, and where those of the frame that is made are in both.
@@ -87,16 +58,12 @@ struct Gathered {
   Planes valid;       ///< [h,w,1] 1 or 0
 };
 
-/// What is made of a part of the light.
-struct Made {
-  Planes color;                 ///< [h,w,3]
-  Planes share;                 ///< [h,w,1] of the later key
-  Grid<std::uint8_t> unwanted;  ///< 1 where it is better rendered
-};
-
 class Interpolate final : public Stage {
  public:
-  explicit Interpolate(const Params& params) : every_(params.get_int("every")), cuts_(motion::cuts_of(params)) {}
+  explicit Interpolate(const Params& params)
+      : every_(params.get_int("every")),
+        published_(params.get_string("method") == "published"),
+        cuts_(motion::cuts_of(params)) {}
 
   SequenceDesc output(std::span<const SequenceDesc> in) const override {
     if (every_ == 0 && in[kKeys].frames.empty()) {
@@ -293,7 +260,9 @@ class Interpolate final : public Stage {
                                   light.irradiance(planes_of(b, 3, 0, w, h)), kRadius);
   }
 
-  static Made make_part(const FrameWindow& in, int frame, int a, int b, const Part& part, const Walks& walks) {
+  /// `all`: light of all parts, about; empty: there are no others.
+  static Made make_part(const FrameWindow& in, int frame, int a, int b, const Part& part, const Walks& walks,
+                        const Planes& all) {
     const Surfaces& here = walks.surfaces.at(frame);
     const int w = here.width(), h = here.height();
     const Gathered before = gather(in.at(a, kKeys), a, part, walks.surfaces.at(a), walks.before);
@@ -302,12 +271,13 @@ class Interpolate final : public Stage {
     const Light light(guide, part, "guide", frame);
     const Planes noisy = light.irradiance(light.color);
     const Planes variance = noise_of(guide, frame, part, light, noisy);
-    Made out{Planes(w, h, 3), share_of_after(before, after, noisy, variance, float(frame - a) / float(b - a)), {}};
+    Planes share = share_of_after(before, after, noisy, variance, float(frame - a) / float(b - a));
+    Made out{Planes(w, h, 3), {}};
     Planes irradiance(w, h, 3), known(w, h, 1);
     parallel_rows(0, h, [&](int y) {
       for (int x = 0; x < w; ++x) {
         const bool has_a = before.valid.row(0, y)[x] > 0, has_b = after.valid.row(0, y)[x] > 0;
-        float& t = out.share.row(0, y)[x];
+        float& t = share.row(0, y)[x];
         if (!has_a || !has_b) t = has_a ? 0.0f : 1.0f;
         // Texture comes from the guide, unless pixels lie on pixels.
         const bool whole = (!has_a || is_whole(walks.before.at(x, y))) && (!has_b || is_whole(walks.after.at(x, y)));
@@ -324,7 +294,10 @@ class Interpolate final : public Stage {
         }
       }
     });
-    out.unwanted = unwanted(here, walks, before, after, noisy, variance, irradiance, known);
+    Planes whole = all;  // as irradiance of this part
+    if (!part.add) whole = {};
+    for (std::size_t i = 0; i < whole.values().size(); ++i) whole.values()[i] /= light.divisor.values()[i];
+    out.unwanted = unwanted(here, walks, before, after, noisy, variance, irradiance, known, whole);
     return out;
   }
 
@@ -349,10 +322,21 @@ class Interpolate final : public Stage {
       if (it == walks.end()) it = walks.emplace(part.chains, walks_of(in, frame, a, b, part)).first;
       return it->second;
     };
+    Planes all;  // light of all classes, about
+    if (parts.size() > 1)
+      all = box_mean(planes_of(image_of(guide, layers::color().name, 3, "guide", frame), 3, 0, w, h), 2 * kRadius);
     std::vector<Made> made;
     Planes sum(w, h, 3);
     for (const Part& part : parts) {
-      made.push_back(make_part(in, frame, a, b, part, walks_along(part)));
+      const Walks& along = walks_along(part);
+      made.push_back(published_ ? motion::interpolate_published({.key_before = in.at(a, kKeys),
+                                                                 .key_after = in.at(b, kKeys),
+                                                                 .before = a,
+                                                                 .frame = frame,
+                                                                 .after = b,
+                                                                 .part = part,
+                                                                 .surfaces = along.surfaces})
+                                : make_part(in, frame, a, b, part, along, all));
       if (part.add) {
         for (std::size_t i = 0; i < sum.values().size(); ++i) sum.values()[i] += made.back().color.values()[i];
       }
@@ -452,10 +436,10 @@ class Interpolate final : public Stage {
   }
 
   /// Which pixels are better rendered: those that neither key shows, edges between what moves in different ways, and
-  /// where the light is not what the guide has.
+  /// where the light is not what the guide has, by more than can be seen beside the light of the `whole` picture.
   static Grid<std::uint8_t> unwanted(const Surfaces& here, const Walks& walks, const Gathered& before,
                                      const Gathered& after, const Planes& noisy, const Planes& variance,
-                                     const Planes& made, const Planes& known) {
+                                     const Planes& made, const Planes& known, const Planes& whole) {
     const int w = here.width(), h = here.height();
     Planes sums(w, h, 5);  // what the guide has more of, by channel; the weight; by how much the keys differ
     parallel_rows(0, h, [&](int y) {
@@ -481,7 +465,9 @@ class Interpolate final : public Stage {
           const bool differ = mean.row(4, y)[x] > kDiffer * share * std::abs(all);
           const float sigmas = differ ? kSigmasWhereKeysDiffer : kSigmas;
           for (int c = 0; c < 3; ++c) {
-            const float e = mean.row(c, y)[x] / share, bound = kRelative * (std::abs(level.row(c, y)[x]) + 0.01f);
+            const float own = std::abs(level.row(c, y)[x]);
+            const float e = mean.row(c, y)[x] / share,
+                        bound = kRelative * (std::max(own, whole.empty() ? 0 : whole.row(c, y)[x]) + 0.01f);
             if (e * e > sigmas * sigmas * noise.row(0, y)[x] / n + bound * bound) light.at(x, y) = 1;
           }
         }
@@ -524,10 +510,48 @@ class Interpolate final : public Stage {
   static constexpr float kDiffer = 0.15f;    ///< of the light: keys that differ by more are no proof of it
   static constexpr float kRelative = 0.05f;  ///< of the light
   int every_;
+  bool published_;
   std::vector<int> cuts_;
 };
 
 }  // namespace
+
+namespace motion {
+
+const Image* image_of(const Frame& frame, const std::string& name, int channels, const char* what, int number) {
+  const Layer* layer = frame.find(name);
+  if (!layer) return nullptr;
+  if (layer->image.channels() < channels) {
+    throw Error(ErrorCode::kBadInput, fmt::format("{} {}: the layer \"{}\" has {} channels, {} are needed", what,
+                                                  number, name, layer->image.channels(), channels));
+  }
+  return &layer->image;
+}
+
+Planes planes_of(const Image* image, int channels, float missing, int w, int h) {
+  if (!image) return {w, h, channels, missing};
+  Planes out(*image, channels);
+  for (float& v : out.values()) v = sound(v);
+  return out;
+}
+
+Light::Light(const Frame& frame, const Part& part, const char* what, int number)
+    : color(planes_of(image_of(frame, part.color, 3, what, number), 3, 0, frame.width(), frame.height())),
+      divisor(reflectance_of(frame, part, denoise::kLeastReflectance), 3),
+      emission(frame.width(), frame.height(), 3) {
+  if (part.color == layers::color().name)
+    emission =
+        planes_of(image_of(frame, layers::emission().name, 3, what, number), 3, 0, frame.width(), frame.height());
+}
+
+Planes Light::irradiance(const Planes& of) const {
+  Planes out = of;
+  for (std::size_t i = 0; i < out.values().size(); ++i)
+    out.values()[i] = (of.values()[i] - emission.values()[i]) / divisor.values()[i];
+  return out;
+}
+
+}  // namespace motion
 
 extern const StageEntry interpolate_entry;
 const StageEntry interpolate_entry{

@@ -111,10 +111,12 @@ TEST_F(Interpolate, AStillPictureStaysAsItIs) {
   const std::vector<Card> still = {{.texture = waves},
                                    {.x0 = 8, .y0 = 8, .x1 = 30, .y1 = 20, .depth = 3, .texture = waves}};
   write_all(still);
-  run("interpolate", {"keys", "guides"}, "out");
-  for (const int t : {1, 2, 3}) {
-    const Image out = read("out", t).layer("color"), truth = lit(still, 0).layer("color");
-    for (std::size_t i = 0; i < out.values().size(); ++i) ASSERT_NEAR(out.values()[i], truth.values()[i], 1e-6f);
+  for (const std::string method : {"gathered", "published"}) {
+    run("interpolate", {"keys", "guides"}, method, {{"method", method}});
+    for (const int t : {1, 2, 3}) {
+      const Image out = read(method, t).layer("color"), truth = lit(still, 0).layer("color");
+      for (std::size_t i = 0; i < out.values().size(); ++i) ASSERT_NEAR(out.values()[i], truth.values()[i], 1e-6f);
+    }
   }
 }
 
@@ -131,18 +133,38 @@ TEST_F(Interpolate, WhatMovesIsWhereItBelongs) {
   }
 }
 
+// Bilinear weights, in both directions: textures are smoothed a little.
+TEST_F(Interpolate, AsPublishedKeysAreProjected) {
+  write_all(kMoving);
+  run("interpolate", {"keys", "guides"}, "out", {{"method", "published"}});
+  for (const int t : {1, 2, 3}) {
+    const Frame out = read("out", t);
+    const Image truth = lit(kMoving, float(t)).layer("color");
+    EXPECT_LT(error_where(out.layer("color"), truth, out.layer("mask"), false), 5e-4) << t;
+    EXPECT_GT(share(out.layer("mask")), 0.05);
+    EXPECT_LT(share(out.layer("mask")), 0.35);
+  }
+  // A shadow that passes stands in two places at half strength: the surface's vectors do not know of it.
+  write_all({{.texture = waves}}, 5);
+  run("interpolate", {"keys", "guides"}, "shadow", {{"method", "published"}}, {2});
+  const Image two = read("shadow", 2).layer("color"), texture = lit({{.texture = waves}}, 2).layer("albedo");
+  for (const int x : {22, 36}) EXPECT_NEAR(two.at(x, 20, 0) / texture.at(x, 20, 0), 1.25f, 0.3f) << x;
+}
+
 TEST_F(Interpolate, WhatIsInNeitherKeyIsLeftToTheRenderer) {
   // A card that passes: it is there in frame 2 alone.
   std::vector<Card> cards = {
       {.texture = waves},
       {.x0 = -78, .y0 = 10, .x1 = -50, .y1 = 30, .velocity = {44, 0}, .depth = 3, .texture = waves}};
   write_all(cards);
-  run("interpolate", {"keys", "guides"}, "out");
-  const Frame out = read("out", 2);
-  for (int y = 10; y < 30; ++y) {
-    for (int x = 10; x < 38; ++x) ASSERT_EQ(out.layer("mask").at(x, y), 1) << x << "," << y;
+  for (const std::string method : {"gathered", "published"}) {
+    run("interpolate", {"keys", "guides"}, method, {{"method", method}});
+    const Frame out = read(method, 2);
+    for (int y = 10; y < 30; ++y) {
+      for (int x = 10; x < 38; ++x) ASSERT_EQ(out.layer("mask").at(x, y), 1) << method << x << "," << y;
+    }
+    EXPECT_EQ(out.layer("mask").at(60, 20), 0) << method;
   }
-  EXPECT_EQ(out.layer("mask").at(60, 20), 0);
 }
 
 TEST_F(Interpolate, AShadowThatMovesIsOneShadow) {
@@ -235,10 +257,10 @@ TEST_F(Interpolate, BothSidesOfACutAreKeys) {
 #ifdef TEMPERA_PATH_SPACE_MOTION
 TEST_F(Interpolate, WhatAMirrorShowsMovesByItself) {
   const Vec2f velocity{3.3f, 1.2f};
-  const auto error = [&](bool with_vectors) {
+  const auto error = [&](bool with_vectors, const std::string& method = "gathered") {
     for (int t = 0; t <= 4; ++t)
       write(t % 4 == 0 ? "keys" : "guides", t, test::mirror_frame(kWidth, kHeight, float(t), velocity, with_vectors));
-    run("interpolate", {"keys", "guides"}, "out");
+    run("interpolate", {"keys", "guides"}, "out", {{"method", method}});
     double sum = 0;
     for (const int t : {1, 2, 3}) {
       const Frame out = read("out", t);
@@ -260,18 +282,22 @@ TEST_F(Interpolate, WhatAMirrorShowsMovesByItself) {
   };
   const double along_wall = error(false);
   EXPECT_LT(10 * error(true), along_wall);
+  EXPECT_LT(5 * error(true, "published"), error(false, "published"));
 }
 #endif
 
 TEST_F(Interpolate, TheSameBitsInAnyDivision) {
   write_all(kMoving, 3);
-  with_threads(1, [&] { run("interpolate", {"keys", "guides"}, "all"); });
-  with_threads(5, [&] {
-    for (const int t : {3, 0, 1, 4, 2}) run("interpolate", {"keys", "guides"}, "each", {}, {t});
-  });
-  for (int t = 0; t <= 4; ++t) {
-    const Frame all = read("all", t), each = read("each", t);
-    for (const Layer& l : all.layers()) EXPECT_EQ(l.image, each.layer(l.desc.name)) << t << l.desc.name;
+  for (const std::string method : {"gathered", "published"}) {
+    with_threads(1, [&] { run("interpolate", {"keys", "guides"}, method, {{"method", method}}); });
+    with_threads(5, [&] {
+      for (const int t : {3, 0, 1, 4, 2})
+        run("interpolate", {"keys", "guides"}, method + "_each", {{"method", method}}, {t});
+    });
+    for (int t = 0; t <= 4; ++t) {
+      const Frame all = read(method, t), each = read(method + "_each", t);
+      for (const Layer& l : all.layers()) EXPECT_EQ(l.image, each.layer(l.desc.name)) << t << l.desc.name;
+    }
   }
 }
 
