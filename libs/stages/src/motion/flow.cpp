@@ -418,11 +418,15 @@ LightFlow irradiance_flow(const Planes& from, const Planes& to, const Grid<Place
     for_values(*p, [&](int, int, int, float v) { return std::log(v + offset); });  // unknown values stay so
   }
 
+  const auto is_seen = [&](std::size_t i) {
+    const Place& p = places[i];
+    return p.valid() && p.y >= 0 && p.x < float(w) && p.y < float(h);
+  };
   Grid<Vec2f> surface_motion(w, h);
   for_rows(h, [&](int y) {
     for (int x = 0; x < w; ++x) {
-      const Place& p = places.at(x, y);
-      if (p.valid()) surface_motion.at(x, y) = {p.x - (float(x) + 0.5f), p.y - (float(y) + 0.5f)};
+      const std::size_t i = places.index(x, y);
+      if (is_seen(i)) surface_motion[i] = {places[i].x - (float(x) + 0.5f), places[i].y - (float(y) + 0.5f)};
     }
   });
   const auto same_surface = [&](std::size_t i, std::size_t j, float distance) {
@@ -434,12 +438,12 @@ LightFlow irradiance_flow(const Planes& from, const Planes& to, const Grid<Place
     for (int x = 0; x < w; ++x) {
       const std::size_t i = places.index(x, y);
       const Place& p = places[i];
-      bool known = p.valid() && !std::isnan(first.row(0, y)[x]);
+      bool known = is_seen(i) && !std::isnan(first.row(0, y)[x]);
       for (const auto& step : kAround) {
         const int nx = x + step[0], ny = y + step[1];
         if (!known || nx < 0 || ny < 0 || nx >= w || ny >= h) continue;
         const std::size_t j = places.index(nx, ny);
-        known = !places[j].valid() || same_surface(i, j, 1);
+        known = !is_seen(j) || same_surface(i, j, 1);
       }
       // The second picture as it would be if only the light moved. [Zimmer 2015, Sec. 4.2]
       const float value = known ? bicubic(second, p.x - 0.5f, p.y - 0.5f) : kUnknown;
@@ -455,12 +459,12 @@ LightFlow irradiance_flow(const Planes& from, const Planes& to, const Grid<Place
       const Vec2f r = light_motion[i];
       const float px = float(x) + 0.5f + r.x, py = float(y) + 0.5f + r.y, distance = std::sqrt(r.x * r.x + r.y * r.y);
       const auto there = vector_at(surface_motion, px, py, [&](std::size_t j) {
-        return places[j].valid() && (!places[i].valid() || same_surface(i, j, distance));
+        return is_seen(j) && (!is_seen(i) || same_surface(i, j, distance));
       });
       const Vec2f v = r + there.value_or(surface_motion[i]);
       out.vectors[i] = v;
       const float tx = float(x) + 0.5f + v.x, ty = float(y) + 0.5f + v.y;
-      out.valid[i] = places[i].valid() && tx >= 0 && ty >= 0 && tx < float(w) && ty < float(h);
+      out.valid[i] = is_seen(i) && tx >= 0 && ty >= 0 && tx < float(w) && ty < float(h);
     }
   });
   return out;

@@ -12,8 +12,8 @@
 
 namespace tempera::motion {
 
-/// The energy of the flow and its solver. Defaults are for logarithms of irradiance: with less smoothness noise shows, with
-/// twice as much small faint shadows are lost.
+/// The energy of the flow and its solver. Defaults are for logarithms of irradiance: with less smoothness vectors
+/// are worse along edges, with twice as much small faint shadows are lost.
 struct FlowSettings {
   float smoothness = 0.6f;    ///< weight of the smoothness term
   float gradient = 10;        ///< weight of the constancy of gradients against that of values
@@ -32,7 +32,7 @@ struct FlowSettings {
 ///          are unknown.
 /// Range:   `counts` in [0, 1]: weight of the data term; 0 where what `from` shows is not in `to`, the smoothness term
 ///          fills in there. It is off too where a vector leads to unknown values or out of the picture.
-/// Units:   pixels; at most the size of the picture, and never NaN. Exactly 0 where the pictures are the same.
+/// Units:   pixels; at most the size of the picture, and never NaN. Exactly 0 if the pictures are the same.
 /// Result:  the same bits for any number of threads.
 /// Source:  [Zimmer 2015, Sec. 4.2], the method of Brox et al. 2004 with a penalizer for each term.
 Grid<Vec2f> optical_flow(const denoise::Planes& from, const denoise::Planes& to, const denoise::Planes& counts,

@@ -281,7 +281,8 @@ TEST(Flow, IsFiniteForAnyPicture) {
       Grid<Place> places = unmoved(w, h);
       for (Place& p : places) {
         if (random() % 5 == 0) p = Place();
-        if (random() % 5 == 0) p.x = uniform(random) / 4 * float(w);
+        if (random() % 5 == 0) p.x = uniform(random) / 3 * float(w);
+        if (random() % 9 == 0) p.y = value();
       }
       const auto expect_finite = [&](const Grid<Vec2f>& flow) {
         ASSERT_EQ(flow.width(), w);
