@@ -80,6 +80,7 @@ double edge_error(const Grid<Vec2f>& vectors, const std::vector<Shadow>& shadows
 const std::vector<Shadow> kOne = {{150, 115, 50, 10, 0.7f, {7, 3}}};
 const std::vector<Shadow> kThree = {
     {80, 70, 36, 5, 0.3f, {6, 2}}, {215, 75, 40, 14, 0.85f, {-5, 4}}, {140, 175, 34, 9, 0.6f, {3, -6}}};
+const std::vector<Shadow> kBlack = {{150, 115, 40, 12, 1, {7, 3}}};
 const std::vector<Shadow> kFast = {{140, 115, 50, 10, 0.7f, {14, 5.5f}}};
 
 LightFlow flow_of(const std::vector<Shadow>& shadows, float noise, bool back = false) {
@@ -105,6 +106,7 @@ TEST_P(FlowOfShadows, IsTheirMotionInThePenumbra) {
 }
 INSTANTIATE_TEST_SUITE_P(Bars, FlowOfShadows,
                          testing::Values(Bar{"One", &kOne, 0.1f, 0.15f, 0.2f}, Bar{"Three", &kThree, 0.1f, 0.15f, 0.2f},
+                                         Bar{"Black", &kBlack, 0.15f, 0.2f, 0.2f},
                                          Bar{"Fast", &kFast, 0.15f, 0.2f, 0.3f}),
                          [](const auto& param) { return std::string(param.param.name); });
 
@@ -195,6 +197,34 @@ TEST(Flow, OfAnObjectIsAddedToItsOwnMotion) {
       }
     }
   }
+}
+
+TEST(Flow, LightAtEdgesOfObjectsIsNoData) {
+  // Two objects that move nearly alike; what changes is how much of each the pixels between them show.
+  constexpr int kW = 60, kH = 40;
+  Planes a(kW, kH, 3, 1.0f), b = a;
+  Grid<Place> places = unmoved(kW, kH);
+  Grid<float> id(kW, kH);
+  const Vec2f motion{0, 0.4f};
+  for (int y = 0; y < kH; ++y) {
+    for (int x = 30; x < kW; ++x) {
+      for (int c = 0; c < 3; ++c) a.row(c, y)[x] = x == 30 ? 2.4f : 3, b.row(c, y)[x] = x == 30 ? 1.6f : 3;
+      id.at(x, y) = 1;
+      if (y + 1 < kH) places.at(x, y).y += motion.y;
+    }
+  }
+  const auto unlike_surfaces = [&](const LightFlow& flow) {
+    int count = 0;
+    for (int y = 0; y + 1 < kH; ++y) {
+      for (int x = 0; x < kW; ++x) {
+        const Vec2f d = flow.vectors.at(x, y) - (x < 30 ? Vec2f() : motion);
+        count += std::hypot(d.x, d.y) > 1e-4f;
+      }
+    }
+    return count;
+  };
+  EXPECT_EQ(unlike_surfaces(irradiance_flow(a, b, places, id)), 0);
+  EXPECT_GT(unlike_surfaces(irradiance_flow(a, b, places, {})), 100);  // else this would show nothing
 }
 
 TEST(Flow, IsFilledInWhereDataDoNotCount) {
