@@ -312,6 +312,8 @@ float within(float v, int size) {
   return std::isnan(v) ? 0.0f : std::clamp(v, -limit, limit);
 }
 
+#ifdef TEMPERA_PATH_SPACE_MOTION
+
 /// Whether two vectors of pixels that are `distance` pixels apart may be of one surface, as far as they tell.
 bool alike(Vec2f a, Vec2f b, float distance) {
   const Vec2f d = a - b;
@@ -365,6 +367,8 @@ float positive_median(const Planes& a, const Planes& b) {
   return *middle;
 }
 
+#endif  // TEMPERA_PATH_SPACE_MOTION
+
 }  // namespace
 
 Grid<Vec2f> optical_flow(const Planes& from, const Planes& to, const Planes& counts, const FlowSettings& settings) {
@@ -405,6 +409,8 @@ Grid<Vec2f> optical_flow(const Planes& from, const Planes& to, const Planes& cou
   });
   return out;
 }
+
+#ifdef TEMPERA_PATH_SPACE_MOTION
 
 LightFlow irradiance_flow(const Planes& from, const Planes& to, const Grid<Place>& places, const Grid<float>& id,
                           const FlowSettings& settings) {
@@ -487,5 +493,7 @@ Grid<std::uint8_t> consistent(const LightFlow& flow, const LightFlow& back, floa
   });
   return out;
 }
+
+#endif  // TEMPERA_PATH_SPACE_MOTION
 
 }  // namespace tempera::motion

@@ -38,6 +38,8 @@ struct FlowSettings {
 Grid<Vec2f> optical_flow(const denoise::Planes& from, const denoise::Planes& to, const denoise::Planes& counts,
                          const FlowSettings& settings = {});
 
+#ifdef TEMPERA_PATH_SPACE_MOTION
+
 /// Where light goes from one key frame to another.
 struct LightFlow {
   Grid<Vec2f> vectors;       ///< pixels
@@ -55,5 +57,7 @@ LightFlow irradiance_flow(const denoise::Planes& from, const denoise::Planes& to
 /// Which vectors of `flow` are valid and undone by those of `back`, the flow between the same pictures the other way, up
 /// to `tolerance` pixels. 1: yes.
 Grid<std::uint8_t> consistent(const LightFlow& flow, const LightFlow& back, float tolerance = 0.5f);
+
+#endif  // TEMPERA_PATH_SPACE_MOTION
 
 }  // namespace tempera::motion

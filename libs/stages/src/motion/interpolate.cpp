@@ -329,14 +329,16 @@ class Interpolate final : public Stage {
     Planes sum(w, h, 3);
     for (const Part& part : parts) {
       const Walks& along = walks_along(part);
-      made.push_back(published_ ? motion::interpolate_published({.key_before = in.at(a, kKeys),
-                                                                 .key_after = in.at(b, kKeys),
-                                                                 .before = a,
-                                                                 .frame = frame,
-                                                                 .after = b,
-                                                                 .part = part,
-                                                                 .surfaces = along.surfaces})
-                                : make_part(in, frame, a, b, part, along, all));
+      made.push_back(published_
+                         ? motion::interpolate_published({.key_before = in.at(a, kKeys),
+                                                          .key_after = in.at(b, kKeys),
+                                                          .before = a,
+                                                          .frame = frame,
+                                                          .after = b,
+                                                          .part = part,
+                                                          .surfaces = along.surfaces,
+                                                          .follow_light = parts.size() > 1 && part.chains.empty()})
+                         : make_part(in, frame, a, b, part, along, all));
       if (part.add) {
         for (std::size_t i = 0; i < sum.values().size(); ++i) sum.values()[i] += made.back().color.values()[i];
       }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "motion/flow.h"
 #include "motion/interpolation.h"
 #include "tempera/core/parallel.h"
 
@@ -24,8 +25,7 @@ constexpr int kFour[4][2] = {{0, -1}, {-1, 0}, {1, 0}, {0, 1}};
 struct Projected {
   Planes irradiance, reflectance;  ///< [h,w,3]
   Planes color;                    ///< [h,w,3] their product, with emission
-  Planes covered;                  ///< [h,w,1] by how much
-  bool has(int x, int y) const { return covered.row(0, y)[x] >= kCovered; }
+  Grid<std::uint8_t> known;
 };
 
 /// Pixels that mix what moves apart: their vectors say nothing. [Zimmer 2015, Sec. 4.3]
@@ -61,46 +61,70 @@ void around(const Place& p, int w, int h, const F& f) {
   }
 }
 
-Projected project_key(const Frame& key, int number, const Part& part, const Surfaces& s, const Grid<Place>& places) {
+/// Averages of the values that are projected to each pixel, bilinearly, of what is not hidden there.
+struct Splats {
+  Planes values;
+  Planes covered;  ///< [h,w,1] by how much
+};
+Splats project(const Planes& values, const Surfaces& s, const Grid<std::uint8_t>& mixed, const Grid<Place>& places) {
   const int w = s.width(), h = s.height();
-  const Light light(key, part, "key", number);
-  const Planes irradiance = light.irradiance(light.color);
-  const Grid<std::uint8_t> mixed = silhouettes(s);
   const auto depth = [&](std::size_t i) { return s.depth.empty() ? 0.0f : s.depth[i]; };
-  Grid<float> nearest(w, h, kFar);
   const auto each = [&](const auto& f) {
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
         const std::size_t i = s.linear.index(x, y);
         if (!places[i].valid() || mixed[i] || s.vectors[i] == kNothing) continue;
-        around(places[i], w, h, [&](int tx, int ty, float weight) { f(x, y, i, tx, ty, weight); });
+        around(places[i], w, h, [&](int tx, int ty, float weight) { f(x, y, depth(i), tx, ty, weight); });
       }
     }
   };
-  each([&](int, int, std::size_t i, int tx, int ty, float) {
-    nearest.at(tx, ty) = std::min(nearest.at(tx, ty), depth(i));
-  });
-  Projected out{Planes(w, h, 3), Planes(w, h, 3), Planes(w, h, 3), Planes(w, h, 1)};
-  each([&](int x, int y, std::size_t i, int tx, int ty, float weight) {
-    if (depth(i) > kBehind * nearest.at(tx, ty)) return;
+  Grid<float> nearest(w, h, kFar);
+  each([&](int, int, float z, int tx, int ty, float) { nearest.at(tx, ty) = std::min(nearest.at(tx, ty), z); });
+  Splats out{Planes(w, h, values.channels()), Planes(w, h, 1)};
+  each([&](int x, int y, float z, int tx, int ty, float weight) {
+    if (z > kBehind * nearest.at(tx, ty)) return;
     out.covered.row(0, ty)[tx] += weight;
-    for (int c = 0; c < 3; ++c) {
-      out.irradiance.row(c, ty)[tx] += weight * irradiance.row(c, y)[x];
-      out.reflectance.row(c, ty)[tx] += weight * light.divisor.row(c, y)[x];
-      out.color.row(c, ty)[tx] += weight * light.emission.row(c, y)[x];
-    }
+    for (int c = 0; c < values.channels(); ++c) out.values.row(c, ty)[tx] += weight * values.row(c, y)[x];
   });
-  parallel_rows(0, h, [&](int y) {
-    for (int x = 0; x < w; ++x) {
-      const float sum = std::max(out.covered.row(0, y)[x], 1e-6f);
-      for (int c = 0; c < 3; ++c) {
-        float &e = out.irradiance.row(c, y)[x], &r = out.reflectance.row(c, y)[x], &l = out.color.row(c, y)[x];
-        e /= sum, r /= sum, l = l / sum + e * r;
-      }
-    }
-  });
+  denoise::for_values(out.values,
+                      [&](int, int y, int x, float v) { return v / std::max(out.covered.row(0, y)[x], 1e-6f); });
   return out;
 }
+
+/// `places`: where the surfaces of the key are, `of_light`: where their light is.
+Projected project_key(const Light& light, const Planes& irradiance, const Surfaces& s, const Grid<Place>& places,
+                      const Grid<Place>& of_light) {
+  const int w = s.width(), h = s.height();
+  const Grid<std::uint8_t> mixed = silhouettes(s);
+  Splats e = project(irradiance, s, mixed, of_light), r = project(light.divisor, s, mixed, places);
+  const Splats emission = project(light.emission, s, mixed, places);
+  Projected out{std::move(e.values), std::move(r.values), emission.values, Grid<std::uint8_t>(w, h)};
+  denoise::for_values(out.color, [&](int c, int y, int x, float v) {
+    return v + out.irradiance.row(c, y)[x] * out.reflectance.row(c, y)[x];
+  });
+  for (int y = 0; y < h; ++y) {
+    for (int x = 0; x < w; ++x)
+      out.known.at(x, y) = e.covered.row(0, y)[x] >= kCovered && r.covered.row(0, y)[x] >= kCovered;
+  }
+  return out;
+}
+
+#ifdef TEMPERA_PATH_SPACE_MOTION
+/// Where light is in between, by its flow from one key to the other; where that is not known, where the surface is.
+/// [Zimmer 2015, Sec. 4.2]
+Grid<Place> along_flow(const LightFlow& flow, const Grid<std::uint8_t>& known, float share, const Grid<Place>& places) {
+  Grid<Place> out = places;
+  for (int y = 0; y < out.height(); ++y) {
+    for (int x = 0; x < out.width(); ++x) {
+      if (!known.at(x, y)) continue;
+      const Vec2f& v = flow.vectors.at(x, y);
+      const Place p{float(x) + 0.5f + share * v.x, float(y) + 0.5f + share * v.y};
+      if (p.x >= 0 && p.y >= 0 && p.x < float(out.width()) && p.y < float(out.height())) out.at(x, y) = p;
+    }
+  }
+  return out;
+}
+#endif
 
 /// Marks the regions that only one key shows, where both keys differ beside them.
 void mark_seams(const Projected& a, const Projected& b, Grid<std::uint8_t>& unwanted) {
@@ -108,7 +132,7 @@ void mark_seams(const Projected& a, const Projected& b, Grid<std::uint8_t>& unwa
   Planes differ(w, h, 2);  // and where both are known
   parallel_rows(0, h, [&](int y) {
     for (int x = 0; x < w; ++x) {
-      if (!a.has(x, y) || !b.has(x, y)) continue;
+      if (!a.known.at(x, y) || !b.known.at(x, y)) continue;
       float d = 0, sum = 0;
       for (int c = 0; c < 3; ++c) {
         d += std::abs(a.color.row(c, y)[x] - b.color.row(c, y)[x]);
@@ -119,7 +143,7 @@ void mark_seams(const Projected& a, const Projected& b, Grid<std::uint8_t>& unwa
   });
   const Planes mean = denoise::box_mean(differ, kSeamRadius);
   std::vector<std::size_t> ring;
-  const auto single = [&](int x, int y) { return a.has(x, y) != b.has(x, y); };
+  const auto single = [&](int x, int y) { return a.known.at(x, y) != b.known.at(x, y); };
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
       if (!single(x, y) || mean.row(1, y)[x] == 0) continue;
@@ -141,13 +165,27 @@ void mark_seams(const Projected& a, const Projected& b, Grid<std::uint8_t>& unwa
 }  // namespace
 
 Made interpolate_published(const BetweenKeys& in) {
-  const auto project = [&](const Frame& key, int number) {
-    const int step = in.frame > number ? 1 : -1;
+  const auto places = [&](int from, int to) {
+    const int step = to > from ? 1 : -1;
     std::vector<const Surfaces*> way;
-    for (int f = number; f != in.frame + step; f += step) way.push_back(&in.surfaces.at(f));
-    return project_key(key, number, in.part, *way.front(), walk(way, step));
+    for (int f = from; f != to + step; f += step) way.push_back(&in.surfaces.at(f));
+    return walk(way, step);
   };
-  const Projected a = project(in.key_before, in.before), b = project(in.key_after, in.after);
+  const Light light_a(in.key_before, in.part, "key", in.before), light_b(in.key_after, in.part, "key", in.after);
+  const Planes irradiance_a = light_a.irradiance(light_a.color), irradiance_b = light_b.irradiance(light_b.color);
+  const Surfaces &surfaces_a = in.surfaces.at(in.before), &surfaces_b = in.surfaces.at(in.after);
+  const Grid<Place> places_a = places(in.before, in.frame), places_b = places(in.after, in.frame);
+  Grid<Place> of_light_a = places_a, of_light_b = places_b;
+#ifdef TEMPERA_PATH_SPACE_MOTION
+  if (in.follow_light) {
+    const LightFlow forward = irradiance_flow(irradiance_a, irradiance_b, places(in.before, in.after), surfaces_a.id);
+    const LightFlow backward = irradiance_flow(irradiance_b, irradiance_a, places(in.after, in.before), surfaces_b.id);
+    of_light_a = along_flow(forward, consistent(forward, backward), in.share(), places_a);
+    of_light_b = along_flow(backward, consistent(backward, forward), 1 - in.share(), places_b);
+  }
+#endif
+  const Projected a = project_key(light_a, irradiance_a, surfaces_a, places_a, of_light_a);
+  const Projected b = project_key(light_b, irradiance_b, surfaces_b, places_b, of_light_b);
   const Surfaces& here = in.surfaces.at(in.frame);
   const int w = here.width(), h = here.height();
   const float share = in.share();
@@ -155,7 +193,7 @@ Made interpolate_published(const BetweenKeys& in) {
   Grid<std::uint8_t> holes = silhouettes(here);
   parallel_rows(0, h, [&](int y) {
     for (int x = 0; x < w; ++x) {
-      const float of_a = a.has(x, y) ? 1 - share : 0, of_b = b.has(x, y) ? share : 0, sum = of_a + of_b;
+      const float of_a = a.known.at(x, y) ? 1 - share : 0, of_b = b.known.at(x, y) ? share : 0, sum = of_a + of_b;
       holes.at(x, y) |= sum == 0 && here.vectors[here.linear.index(x, y)] != kNothing;
       for (int c = 0; c < 3; ++c)
         out.color.row(c, y)[x] = (of_a * a.color.row(c, y)[x] + of_b * b.color.row(c, y)[x]) / std::max(sum, 1e-6f);

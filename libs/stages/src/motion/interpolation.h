@@ -38,6 +38,7 @@ struct BetweenKeys {
   int before, frame, after;
   const Part& part;
   const std::map<int, Surfaces>& surfaces;  ///< of the part, in all frames from the first key to the second
+  bool follow_light;                        ///< whether light may move otherwise than the surfaces that it is seen on
   /// How much of the light is that of the later key, by time.
   float share() const { return float(frame - before) / float(after - before); }
 };

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Optical flow of irradiance on soft shadows whose motion is known.
+#ifdef TEMPERA_PATH_SPACE_MOTION
+
 #include "motion/flow.h"
 
 #include <gtest/gtest.h>
@@ -331,3 +333,5 @@ TEST(Flow, IsFiniteForAnyPicture) {
 
 }  // namespace
 }  // namespace tempera::motion
+
+#endif  // TEMPERA_PATH_SPACE_MOTION

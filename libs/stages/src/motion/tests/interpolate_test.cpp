@@ -191,6 +191,34 @@ TEST_F(Interpolate, AShadowThatMovesIsOneShadow) {
   }
 }
 
+#ifdef TEMPERA_PATH_SPACE_MOTION
+// Irradiance has a motion of its own where it is known apart. [Zimmer 2015, Sec. 4.2]
+TEST_F(Interpolate, AsPublishedLightOfAClassIsFollowed) {
+  const std::vector<Card> still = {{.texture = waves}};
+  const auto classified = [](Frame f) {
+    f.add(layers::class_layer("direct", layers::color()), Image(kWidth, kHeight, 3));
+    f.add(layers::class_layer("residual", layers::color()), Image(kWidth, kHeight, 3));
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) f.layer("class.direct.color").set_rgb(x, y, f.layer("color").rgb(x, y));
+    }
+    set_classes(f.metadata, std::vector<ClassInfo>{{"direct", "ED.*", {"D"}}});
+    return f;
+  };
+  for (const int t : {0, 1, 2, 3, 4}) {
+    const Frame f = t % 4 == 0 ? lit(still, float(t), 1) : guide_of(still, float(t), 1);
+    write(t % 4 == 0 ? "keys" : "guides", t, f), write(t % 4 == 0 ? "class_keys" : "class_guides", t, classified(f));
+  }
+  run("interpolate", {"keys", "guides"}, "out", {{"method", "published"}});
+  run("interpolate", {"class_keys", "class_guides"}, "class_out", {{"method", "published"}});
+  for (const int t : {1, 2, 3}) {
+    const Image truth = lit(still, float(t), 1).layer("color");
+    EXPECT_LT(3 * mean_square(read("class_out", t).layer("color"), truth),
+              mean_square(read("out", t).layer("color"), truth))
+        << t;
+  }
+}
+#endif
+
 TEST_F(Interpolate, LightThatNeitherKeyHasIsLeftToTheRenderer) {
   const std::vector<Card> still = {{.texture = waves}};
   write_all(still);
