@@ -102,6 +102,9 @@ extern const GalleryScene moving_shadow_scene{
     .decomposition = true,
     .camera_moves = true,
     .moving = {"screen", "ball_orange", "ball_violet"},
+    .variants = {{"sharp",
+                  "a shutter that is open for no time, as keys of frames in between need",
+                  {{"shutter.open", "0.25"}, {"shutter.close", "0.25"}}}},
     .about =
         "Irradiance that moves against the texture it falls on. Two square lamps, 0.1 m and 0.6 m wide, throw the "
         "shadows of a screen with\n"

@@ -149,6 +149,12 @@ extern const GalleryScene robot_scene{
     .decomposition = true,
     .camera_moves = true,
     .moving = {"arm_right", "forearm_right", "head", "visor"},
+    .variants = {{"dof",
+                  "depth of field: a lens with a radius of 3 cm, focused on the torso",
+                  {{"cameras.camera.aperture_radius", "0.03"}, {"cameras.camera.focus_object", "\"torso\""}}},
+                 {"sharp",
+                  "a shutter that is open for no time, as keys of frames in between need",
+                  {{"shutter.open", "0.25"}, {"shutter.close", "0.25"}}}},
     .about =
         "The paper's main scene: all five components of its decomposition (four classes and the residual) carry light. "
         "A figure of shells with a\n"

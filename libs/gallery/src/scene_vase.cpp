@@ -121,6 +121,9 @@ extern const GalleryScene vase_scene{
                 {"trans4", "ETTTTD.*", "four refractions: the wall seen through the vase"}},
     .decomposition = true,
     .moving = {"vase", "plate", "foot"},
+    .variants = {{"sharp",
+                  "a shutter that is open for no time, as keys of frames in between need",
+                  {{"shutter.open", "0.25"}, {"shutter.close", "0.25"}}}},
     .about =
         "The paper follows paths through four refractions, in and out of both walls of a vessel. The wall of this vase "
         "is 4 mm thick, its\n"
