@@ -112,6 +112,35 @@ void smooth_filled(const Image& mask, const Frame& rendered, Frame& frame) {
   });
 }
 
+/// Makes the classes of a decomposition add up to `color` again, where pixels were filled.
+void fit_classes(const Image& mask, Frame& frame) {
+  const std::string rest = layers::class_layer("residual", layers::color()).name;
+  if (!frame.has(rest) || !frame.has("color")) return;
+  std::vector<Image*> parts;
+  for (const Layer& l : frame.layers()) {
+    const std::string& name = l.desc.path_class;
+    if (name.empty() || l.desc.name != layers::class_layer(name, layers::color()).name || l.image.channels() < 3)
+      continue;
+    parts.push_back(&frame.layer(l.desc.name));
+  }
+  const Image& color = frame.layer("color");
+  Image& residual = frame.layer(rest);
+  parallel_rows(0, color.height(), [&](int y) {
+    for (int x = 0; x < color.width(); ++x) {
+      if (!(mask.at(x, y) > 0)) continue;
+      for (int c = 0; c < 3; ++c) {
+        float sum = 0;
+        for (Image* part : parts) sum += std::max(sound(part->at(x, y, c)), 0.0f);
+        for (Image* part : parts) {
+          float& v = part->at(x, y, c);
+          v = sum > 0 ? std::max(sound(v), 0.0f) * (color.at(x, y, c) / sum) : 0;
+        }
+        if (!(sum > 0)) residual.at(x, y, c) = color.at(x, y, c);
+      }
+    }
+  });
+}
+
 class Fill final : public FrameStage {
  public:
   explicit Fill(const Params& params) : smooth_(params.get_string("smooth")) {}
@@ -167,7 +196,10 @@ class Fill final : public FrameStage {
       });
     }
     const bool clean = out.metadata.contains(stage_engine_key("denoise"));
-    if (smooth_ == "yes" || (smooth_ == "auto" && clean)) smooth_filled(mask, in.at(frame, kPixels), out);
+    if (smooth_ == "yes" || (smooth_ == "auto" && clean)) {
+      smooth_filled(mask, in.at(frame, kPixels), out);
+      fit_classes(mask, out);
+    }
   }
 
  private:

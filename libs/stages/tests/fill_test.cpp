@@ -205,10 +205,13 @@ TEST_F(FillFiles, NoiseOfThePixelsGoesWhereTheOthersAreClean) {
     choice.params.set_text("smooth", smooth);
     const std::vector<FrameSequence> in{FrameSequence(pattern("base")), FrameSequence(pattern("pixels"))};
     run_stage(choice, in, pattern(smooth), {}, nobody);
-    const Image out = read_frame(frame_path(pattern(smooth), 1)).layer("color");
+    const Frame filled = read_frame(frame_path(pattern(smooth), 1));
+    const Image& out = filled.layer("color");
     double sum = 0;
     for (int y = 0; y < kSize; ++y) {
       for (int x = 0; x < kSize; ++x) {
+        const float direct = filled.layer("class.direct.color").at(x, y, 1);
+        EXPECT_NEAR(3 * direct, out.at(x, y, 1), 1e-5f) << "classes add up";
         const double e = double(out.at(x, y, 0)) / double(light(x) * albedo(x, y)) - 1;
         if (mask.at(x, y) == 0) {
           EXPECT_NEAR(e, 0, 1e-6) << "others stay";
@@ -218,6 +221,14 @@ TEST_F(FillFiles, NoiseOfThePixelsGoesWhereTheOthersAreClean) {
     }
     return sum;
   };
+  for (Frame* f : {&base, &pixels}) {  // classes with a third of the light and the rest
+    for (const auto& [name, part] : {std::pair{"direct", 1 / 3.0f}, {"residual", 2 / 3.0f}}) {
+      Image& image = f->create(layers::class_layer(name, layers::color()));
+      for (int y = 0; y < kSize; ++y) {
+        for (int x = 0; x < kSize; ++x) image.set_rgb(x, y, f->layer("color").rgb(x, y) * part);
+      }
+    }
+  }
   write("base", 1, base), write("pixels", 1, pixels);
   const double noisy = error_of("no");
   EXPECT_EQ(error_of("auto"), noisy) << "nothing says that the others are clean";

@@ -279,8 +279,10 @@ class Interpolate final : public Stage {
         const bool has_a = before.valid.row(0, y)[x] > 0, has_b = after.valid.row(0, y)[x] > 0;
         float& t = share.row(0, y)[x];
         if (!has_a || !has_b) t = has_a ? 0.0f : 1.0f;
-        // Texture comes from the guide, unless pixels lie on pixels.
-        const bool whole = (!has_a || is_whole(walks.before.at(x, y))) && (!has_b || is_whole(walks.after.at(x, y)));
+        // Texture comes from the guide, unless pixels lie on pixels; that of mirrors and glass is the noise of a guide's
+        // few samples, and goes where their vectors lead.
+        const bool whole = !part.chains.empty() ||
+                           ((!has_a || is_whole(walks.before.at(x, y))) && (!has_b || is_whole(walks.after.at(x, y))));
         known.row(0, y)[x] = has_a || has_b;
         for (int c = 0; c < 3; ++c) {
           float u = noisy.row(c, y)[x], r = light.color.row(c, y)[x];  // the best guess where there is nothing else

@@ -63,12 +63,19 @@ class Upsample final : public FrameStage {
     }
     SequenceDesc out = small;
     out.width = guides.width, out.height = guides.height;
-    std::erase_if(out.layers, [](const LayerDesc& d) { return !survives(d); });
+    const bool decomposed = is_decomposed(small.layers);
+    std::erase_if(out.layers, [&](const LayerDesc& d) { return !survives(d) && !(decomposed && is_class(d)); });
     out.layers.push_back(layers::mask());
     return out;
   }
   std::vector<LayerUse> reads(int port, std::span<const SequenceDesc> in) const override {
-    if (port == kFrames) return {{layers::color(), true, "there is nothing to enlarge"}};
+    if (port == kFrames) {
+      std::vector<LayerUse> uses{{layers::color(), true, "there is nothing to enlarge"}};
+      for (const LayerDesc& d : in[kFrames].layers) {
+        if (is_class(d) && is_decomposed(in[kFrames].layers)) uses.push_back({d, true, "other frames have it"});
+      }
+      return uses;
+    }
     std::vector<LayerUse> uses{{layers::albedo(), false}, {layers::normal(), false}, {layers::emission(), false}};
     for (const char* chain : layers::kCommonChains)
       uses.push_back({layers::chain_layer(chain, layers::albedo()), false});
@@ -90,13 +97,93 @@ class Upsample final : public FrameStage {
     const Frame& small = in.at(frame, kFrames);
     const Frame& large = in.at(frame, kGuides);
     const Image& color = small.layer("color");
-    const int w = small.width(), h = small.height();
-    if (color.channels() < 3) {
-      throw Error(ErrorCode::kBadInput,
-                  fmt::format("frame {}: the layer \"color\" has {} channels, 3 are needed", frame, color.channels()));
+    const auto expect = [&](const char* name, const Image& image) {
+      if (image.channels() >= 3) return;
+      throw Error(ErrorCode::kBadInput, fmt::format("frame {}: the layer \"{}\" has {} channels, 3 are needed", frame,
+                                                    name, image.channels()));
+    };
+    expect("color", color);
+    for (const char* key : {"tempera/crop_left", "tempera/crop_top"}) {  // in pixels of the whole picture
+      if (const auto it = large.metadata.find(key); it != large.metadata.end()) out.metadata[key] = it->second;
     }
-    const Image guides = guides_of(large);
-    const int n = guides.channels();
+    for (const Layer& l : large.layers()) {
+      if (survives(l.desc) && small_has(in, l.desc)) out.add(l.desc, l.image);
+    }
+    Image& result = out.add(small.desc("color"), Image(large.width(), large.height(), color.channels()));
+    Image& mask = out.create(layers::mask());
+    if (!is_decomposed(in.in()[kFrames].layers)) {
+      put(enlarge(color, color, guides_of(large, {})), result, mask);
+      return;
+    }
+    // Each class follows what it is seen on. [Zimmer 2015, Sec. 5.2]
+    const std::vector<ClassInfo> known = classes(small.metadata);
+    std::vector<Image> parts;
+    std::vector<LayerDesc> descs;
+    for (const Layer& l : small.layers()) {
+      if (!is_class(l.desc)) continue;
+      expect(l.desc.name.c_str(), l.image);
+      const auto info =
+          std::find_if(known.begin(), known.end(), [&](const ClassInfo& c) { return c.name == l.desc.path_class; });
+      const std::vector<std::string> chains = info == known.end() ? std::vector<std::string>{} : info->chains;
+      parts.push_back(enlarge(l.image, color, guides_of(large, chains)));
+      descs.push_back(l.desc);
+    }
+    Image sum = parts[0];
+    for (std::size_t k = 1; k < parts.size(); ++k) {
+      for (std::int64_t i = 0; i < sum.pixels(); ++i) {
+        for (int c = 0; c < 3; ++c) sum.values()[i * kLights + c] += parts[k].values()[i * kLights + c];
+      }
+    }
+    put(sum, result, mask);
+    for (std::size_t k = 0; k < parts.size(); ++k) {
+      Image& part = out.add(descs[k], Image(large.width(), large.height(), 3));
+      parallel_rows(0, part.height(), [&](int y) {
+        for (int x = 0; x < part.width(); ++x) {
+          for (int c = 0; c < 3; ++c) {
+            const float v = parts[k].at(x, y, c);
+            // A class may be a little below 0 where others outshine it.
+            if (v < -kTolerance - kUnseen * std::max(sum.at(x, y, c), 0.0f)) mask.at(x, y) = 1;
+            part.at(x, y, c) = std::max(v, 0.0f);
+          }
+        }
+      });
+    }
+  }
+
+ private:
+  static constexpr float kTolerance = 1e-6f;
+  static constexpr float kUnseen = 0.005f;  ///< of all light
+
+  static bool is_class(const LayerDesc& d) {
+    return d.pass.empty() && !d.path_class.empty() && d.name == layers::class_layer(d.path_class, layers::color()).name;
+  }
+  /// Whether classes add up to the picture.
+  static bool is_decomposed(std::span<const LayerDesc> all) {
+    const std::string rest = layers::class_layer("residual", layers::color()).name;
+    return std::any_of(all.begin(), all.end(), [&](const LayerDesc& d) { return d.name == rest; });
+  }
+  static bool survives(const LayerDesc& d) {
+    return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
+           d.role != LayerRole::kReconstruction && d.role != LayerRole::kMask &&
+           (d.role != LayerRole::kPicture || d.name == layers::color().name);
+  }
+
+  /// Writes what was enlarged, and marks what came out negative. [Zimmer 2015, Sec. 5.2]
+  static void put(const Image& from, Image& to, Image& mask) {
+    parallel_rows(0, to.height(), [&](int y) {
+      for (int x = 0; x < to.width(); ++x) {
+        for (int c = 0; c < to.channels(); ++c) {
+          const float v = c < kLights ? from.at(x, y, c) : 0;
+          if (c < 3 && v < -kTolerance) mask.at(x, y) = 1;
+          to.at(x, y, c) = c == 3 ? std::clamp(v, 0.0f, 1.0f) : std::max(v, 0.0f);
+        }
+      }
+    });
+  }
+
+  /// Colors of `small` and the fourth channel of `alpha` (1 if it has none) at the size of the guides: [2h,2w,kLights].
+  static Image enlarge(const Image& small, const Image& alpha, const Image& guides) {
+    const int w = small.width(), h = small.height(), n = guides.channels();
     // Of the small frame: the mean over the pixels that one covers. Not rendered, so that both say the same.
     Image guide(w, h, n);
     parallel_rows(0, h, [&](int y) {
@@ -110,8 +197,8 @@ class Upsample final : public FrameStage {
       }
     });
     const auto light = [&](int x, int y, int c) {
-      const float v = c < color.channels() ? color.at(x, y, c) : 1.0f;
-      return sound(v);
+      const Image& from = c < 3 ? small : alpha;
+      return sound(c < from.channels() ? from.at(x, y, c) : 1.0f);
     };
     Grid<Model> models(w, h);
     parallel_rows(0, h, [&](int y) {
@@ -131,20 +218,11 @@ class Upsample final : public FrameStage {
         }
       }
     });
-
-    for (const char* key : {"tempera/crop_left", "tempera/crop_top"}) {  // in pixels of the whole picture
-      if (const auto it = large.metadata.find(key); it != large.metadata.end()) out.metadata[key] = it->second;
-    }
-    for (const Layer& l : large.layers()) {
-      if (survives(l.desc) && small_has(in, l.desc)) out.add(l.desc, l.image);
-    }
-    Image& result = out.add(small.desc("color"), Image(kFactor * w, kFactor * h, color.channels()));
-    Image& mask = out.create(layers::mask());
-    parallel_rows(0, result.height(), [&](int y) {
-      for (int x = 0; x < result.width(); ++x) {
+    Image out(guides.width(), guides.height(), kLights);
+    parallel_rows(0, out.height(), [&](int y) {
+      for (int x = 0; x < out.width(); ++x) {
         const float fx = (float(x) + 0.5f) / kFactor - 0.5f, fy = (float(y) + 0.5f) / kFactor - 0.5f;
         const int x0 = int(std::floor(fx)), y0 = int(std::floor(fy));
-        float value[kLights] = {};
         for (int k = 0; k < 4; ++k) {
           const int px = std::clamp(x0 + (k & 1), 0, w - 1), py = std::clamp(y0 + (k >> 1), 0, h - 1);
           const float u = fx - float(x0), v = fy - float(y0);
@@ -153,29 +231,19 @@ class Upsample final : public FrameStage {
           for (int c = 0; c < kLights; ++c) {
             float sum = m.offset[c] + rest.at(px, py, c);
             for (int j = 0; j < n; ++j) sum += m.slope[c][j] * guides.at(x, y, j);
-            value[c] += weight * sum;
+            out.at(x, y, c) += weight * sum;
           }
-        }
-        for (int c = 0; c < result.channels(); ++c) {
-          constexpr float kTolerance = 1e-6f;
-          const float v = c < kLights ? value[c] : 0;
-          if (c < 3 && v < -kTolerance) mask.at(x, y) = 1;  // [Zimmer 2015, Sec. 5.2]
-          result.at(x, y, c) = c == 3 ? std::clamp(v, 0.0f, 1.0f) : std::max(v, 0.0f);
         }
       }
     });
+    return out;
   }
 
- private:
-  static bool survives(const LayerDesc& d) {
-    return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
-           d.role != LayerRole::kReconstruction && d.role != LayerRole::kMask &&
-           (d.role != LayerRole::kPicture || d.name == layers::color().name);
-  }
   static bool small_has(const FrameWindow& in, const LayerDesc& d) { return in.in()[kFrames].has(d); }
 
-  /// The layers that light follows, each scaled to about [0, 1]: [h,w,n].
-  static Image guides_of(const Frame& large) {
+  /// The layers that light follows which is seen by `chains`, or by any if there are no such: each scaled to about
+  /// [0, 1], [h,w,n].
+  static Image guides_of(const Frame& large, const std::vector<std::string>& chains) {
     struct Plane {
       const Image* image;
       int channel;
@@ -187,16 +255,26 @@ class Upsample final : public FrameStage {
       if (!layer || layer->image.channels() < first + count) return;
       for (int c = 0; c < count; ++c) planes.push_back({&layer->image, first + c, scale});
     };
-    Image seen;  // reflectance of what is seen, in mirrors and through glass, too
-    for (const char* chain : layers::kCommonChains) {
+    Image seen, facing;  // reflectance of what is seen, in mirrors and through glass, too, and its normal
+    for (const std::string chain : layers::kCommonChains) {
+      if (!chains.empty() && std::find(chains.begin(), chains.end(), chain) == chains.end()) continue;
       const Layer* layer = large.find(layers::chain_layer(chain, layers::albedo()).name);
       if (!layer || layer->image.channels() != 3) continue;
       if (seen.empty()) seen = Image(large.width(), large.height(), 3);
       for (std::size_t i = 0; i < seen.values().size(); ++i) seen.values()[i] += sound(layer->image.values()[i]);
+      const Layer* normal = large.find(layers::chain_layer(chain, layers::normal()).name);
+      if (chains.empty() || !normal || normal->image.channels() != 3) continue;
+      if (facing.empty()) facing = Image(large.width(), large.height(), 3);
+      for (std::int64_t i = 0; i < facing.pixels(); ++i) {
+        const float* albedo = layer->image.values().data() + 3 * i;
+        const float light = sound(luminance(Rgb{albedo[0], albedo[1], albedo[2]}));
+        for (int c = 0; c < 3; ++c) facing.values()[3 * i + c] += light * sound(normal->image.values()[3 * i + c]);
+      }
     }
     for (int c = 0; c < 3 && !seen.empty(); ++c) planes.push_back({&seen, c, 1});
     if (seen.empty()) add("albedo", 0, 3, 1);
-    add("normal", 0, 3, 0.5f);
+    if (facing.empty()) add("normal", 0, 3, 0.5f);
+    for (int c = 0; c < 3 && !facing.empty(); ++c) planes.push_back({&facing, c, 0.5f});
     add("color", 3, 1, 1);
     Image emission;  // luminance over its maximum
     if (const Layer* layer = large.find("emission"); layer && layer->image.channels() >= 3) {

@@ -74,6 +74,48 @@ TEST_F(Upsample, LightThatFollowsTheGuidesComesBack) {
   EXPECT_GT(mean_square(enlarged(small(truth), plain).layer("color"), truth), 0.01);
 }
 
+// A texture, and another one that is mirrored in it.
+TEST_F(Upsample, EachClassFollowsItsOwnGuides) {
+  Frame guides = guide();
+  const Image texture = guides.layer("albedo");
+  Image mirrored(kWidth, kHeight, 3), normal(kWidth, kHeight, 3);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      mirrored.set_rgb(x, y, waves(3 * float(y) + 40, 2.2f * float(x)));
+      normal.set_vec3(x, y, {0, 0, 1});
+    }
+  }
+  guides.add(layers::chain_layer("D", layers::albedo()), texture);
+  guides.add(layers::chain_layer("RD", layers::albedo()), mirrored);
+  guides.add(layers::chain_layer("RD", layers::normal()), normal);
+  Image truth = guides.layer("color"), direct(kWidth, kHeight, 3), reflection(kWidth, kHeight, 3);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      // Their shares vary, so that their sum is linear in neither.
+      const float light = 2 + std::sin(0.3f * float(x)), other = 2 + std::cos(0.3f * float(y));
+      direct.set_rgb(x, y, texture.rgb(x, y) * light), reflection.set_rgb(x, y, mirrored.rgb(x, y) * other);
+      truth.set_rgb(x, y, direct.rgb(x, y) + reflection.rgb(x, y));
+    }
+  }
+  const Frame whole = small(truth);
+  Frame parts = whole;
+  parts.add(layers::class_layer("direct", layers::color()), halved(direct));
+  parts.add(layers::class_layer("reflection", layers::color()), halved(reflection));
+  parts.add(layers::class_layer("residual", layers::color()), Image(kWidth / 2, kHeight / 2, 3));
+  set_classes(parts.metadata, std::vector<ClassInfo>{{"direct", "ED.*", {"D"}}, {"reflection", "ERD.*", {"RD"}}});
+  const Frame together = enlarged(whole, guides), apart = enlarged(parts, guides);
+  EXPECT_LT(1.5 * mean_square(apart.layer("color"), truth), mean_square(together.layer("color"), truth));
+  EXPECT_FALSE(together.has("class.direct.color"));
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      if (apart.layer("mask").at(x, y) > 0) continue;
+      const Rgb sum = apart.layer("class.direct.color").rgb(x, y) + apart.layer("class.reflection.color").rgb(x, y) +
+                      apart.layer("class.residual.color").rgb(x, y);
+      for (int c = 0; c < 3; ++c) ASSERT_NEAR(sum[c], apart.layer("color").at(x, y, c), 0.03f * sum[c]);
+    }
+  }
+}
+
 TEST_F(Upsample, LightThatVariesSlowlyOnATextureIsNear) {
   const Frame guides = guide();
   Image truth = guides.layer("color");
