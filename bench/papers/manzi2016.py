@@ -8,7 +8,8 @@ number of samples of PT (bench/quality.py measures and compares), reconstruction
 go to out/papers/manzi2016; what is not made again stays in them.
 
   ./dev paper manzi2016                     all of it
-  ./dev paper manzi2016 --figure 7,11       some figures; `6.1` stands for the comparisons of Section 6
+  ./dev paper manzi2016 --figure 7,11       some figures
+  ./dev paper manzi2016 --figure parts      each part of the method alone, as in Section 6; `speed`: faster motion
   ./dev paper manzi2016 --quick             a trial of a few minutes, with smaller pictures
 """
 import argparse
@@ -115,6 +116,13 @@ class Study:
     def picture(self, scene, caption, file, **options):
         return figures.Picture(caption, file, exposure=self.bench(scene).exposure, **options)
 
+    def reference(self, scene, number, **options):
+        """The mean of both references."""
+        a, b = (frame(pattern, number) for pattern in self.bench(scene).references)
+        file = self.bench(scene).work / f"reference.{number:04}.exr"
+        execute("oiiotool", a, "--ch", "R,G,B", b, "--ch", "R,G,B", "--add", "--mulc", "0.5", "-o", file)
+        return self.picture(scene, "reference", file, **options)
+
     @functools.cache
     def equal_time(self, scene, label):
         """{"method", "spp", "seconds", "folder", metric: value} of a method in the time of args.samples samples of PT."""
@@ -157,9 +165,9 @@ class Study:
         parts = self.args.out / "parts"
         parts.mkdir(parents=True, exist_ok=True)
         (parts / f"{key}.md").write_text(f"## {title}\n\n{text}\n", encoding="utf-8")
-        sections = sorted(parts.glob("*.md"), key=lambda f: float(f.stem) if f.stem != "6.1" else math.inf)
+        sections = [parts / f"{k}.md" for k in FIGURES]
         (self.args.out / "tables.md").write_text("# Manzi et al. 2016\n\n" + "".join(
-            f.read_text(encoding="utf-8") for f in sections), encoding="utf-8")
+            f.read_text(encoding="utf-8") for f in sections if f.exists()), encoding="utf-8")
 
 
 def frame(pattern, number):
@@ -295,7 +303,7 @@ def figure_7(study):
     part = study.part(scene)
     figures.panel(study.args.out / "figure-7.jpg", [
         study.picture(scene, r["method"], final(r, number), crop=part) for r in results] + [
-        study.picture(scene, "reference", frame(study.bench(scene).references[0], number), crop=part)], width=240)
+        study.reference(scene, number, crop=part)], width=240)
     study.say("7", "Figure 7: adaptive sampling of PT and of TGPT",
               study.table(scene, results) + f"`{scene}` in place of Kitchen 1. The paper places samples of PT in batches by their "
               "variance; our `path` stops at a relative error of each pixel instead. The paper finds no gain for PT and a visible "
@@ -306,15 +314,17 @@ def figure_7(study):
 
 @functools.cache
 def replayed(study):
-    """A frame of bookshelf and the next one with the same random numbers: (spp, base, next at the same pixel, next along motion,
-    its file, pixels of the next frame that replay one)."""
-    scene, number, spp = "bookshelf", 5, 16 if study.args.quick else 64
+    """A frame of bookshelf and the next one with the same random numbers: (samples, pixels of the frame, of the next one at the
+    same place, files of both passes along motion, number of the frame). Three times as large as other pictures, so that motion
+    is more than a pixel."""
+    scene, number, spp, size = "bookshelf", 5, 12, f"{3 * study.width}x{3 * study.height}"
     common = ("--layers", "color", "--spp", spp, "--integrator", PT)
-    base = pixels_of(frame(study.render(scene, "now", *common, frames=number), number), "RGB")
+    base = pixels_of(frame(study.render(scene, "now", *common, frames=number, size=size), number), "RGB")
     # Frame t with the shutter of frame t + 1: the same random numbers, a frame later.
-    still = pixels_of(frame(study.render(scene, "later", *common, "--shutter", "1,1.5", frames=number), number), "RGB")
+    still = pixels_of(frame(study.render(scene, "later", *common, "--shutter", "1,1.5", frames=number, size=size), number),
+                      "RGB")
     raw = study.render(scene, "replayed", "--layers", "color", "--spp", 2 * spp, "--integrator", TGPT_UNIFORM,
-                       frames=f"{number}-{number + 1}")
+                       frames=f"{number}-{number + 1}", size=size)
     return spp, base, still, raw, number
 
 
@@ -336,8 +346,8 @@ def figure_8(study):
 def figure_9(study):
     spp, base, still, raw, number = replayed(study)
     before, after = pixels_of(frame(raw, number), "RGB"), pixels_of(frame(raw, number + 1), OFFSET[:3] + SOURCE)
-    moved = [[(0.0, 0.0, 0.0)] * study.width for _ in range(study.height)]
-    partner = [[False] * study.width for _ in range(study.height)]
+    moved = [[(0.0, 0.0, 0.0)] * len(row) for row in base]
+    partner = [[False] * len(row) for row in base]
     for row in after:
         for *color, x, y, valid in row:
             if valid:
@@ -353,7 +363,7 @@ def figure_9(study):
     for name, rows, caption in (("unmoved", unmoved, "without motion vectors"), ("moved", moved, "with motion vectors")):
         write_pixels(work / f"{name}.exr", [[tuple(0.2 + gain / 2 * v for v in d) for d in row] for row in rows])
         shown.append(figures.Picture(caption, work / f"{name}.exr"))
-    figures.panel(study.args.out / "figure-9.jpg", shown)
+    figures.panel(study.args.out / "figure-9.jpg", shown, width=384)
     study.say("9", "Figure 9: differences over time without and with motion vectors",
               f"`bookshelf`, frames {number} and {number + 1}, {spp} samples (paper: 512). Root mean square, over pixels that have a partner: "
               f"{rms(unmoved):.4f} without, {rms(moved):.4f} with motion vectors, {rms(unmoved) / rms(moved):.1f} times less (paper: "
@@ -379,7 +389,7 @@ def without_extensions(strip, study, spp, frames, crop, folder):
 
 
 def figure_10(study):
-    first, last = 1, 8 if study.args.quick else 24
+    first, last = 1, 8 if study.args.quick else 16
     crop = (round(0.35 * study.width), 0, round(0.3 * study.width), study.height)
     text = ""
     for scene, start in (("modern-hall", (0.5, 0.5)), ("bookshelf", (0.5, 0.45))):
@@ -438,12 +448,11 @@ def figure_11(study):
     text, number = "", 4
     for scene, (title, samples, _) in SCENES.items():
         results = [study.equal_time(scene, label) for label in (PT, GPT, TGPT)]
-        reference = frame(study.bench(scene).references[0], number)
         part = study.part(scene)
         figures.panel(study.args.out / f"figure-11-{scene}.jpg",
                       [study.picture(scene, f"{title}: TGPT", final(results[2], number))] +
                       [study.picture(scene, r["method"], final(r, number), crop=part) for r in results] +
-                      [study.picture(scene, "reference", reference, crop=part)], width=240)
+                      [study.reference(scene, number, crop=part)], width=240)
         text += (f"{STANDS_FOR[scene]} Samples of TGPT / PT: {samples} in the paper, {results[2]['spp']} / {results[0]['spp']} here.\n\n" +
                  study.table(scene, results))
     study.say("11", "Figure 11: PT, GPT and TGPT at equal time", text +
@@ -506,13 +515,13 @@ def solve_chain(data, steps, alpha, mean, rounds):
     return x
 
 
-def section_6(study):
+def section_6_parts(study):
     scene, number = "running-figure", 4
     results = [study.equal_time(scene, label) for label in (PT, GPT, GPT_ADAPTIVE, TGPT_UNIFORM, TGPT)]
     part = study.part(scene)
     figures.panel(study.args.out / "section-6-parts.jpg",
                   [study.picture(scene, r["method"], final(r, number), crop=part) for r in results] +
-                  [study.picture(scene, "reference", frame(study.bench(scene).references[0], number), crop=part)], 3, 240)
+                  [study.reference(scene, number, crop=part)], 3, 240)
     text = "Adaptive sampling and differences over time, each alone and both:\n\n" + study.table(scene, results)
 
     base = results[0]
@@ -527,17 +536,20 @@ def section_6(study):
     text += ("Differences over time alone, in one window, with the samples of PT in two passes; its seconds are those of PT, as "
              "no more paths are needed, and its solution is made by this script:\n\n" + study.table(scene, [base, alone]))
 
-    if not study.args.quick:
-        for speed in (":2x", ":4x"):
-            text += (f"At {speed[1:]} the speed:\n\n" +
-                     study.table(scene + speed, [study.equal_time(scene + speed, label) for label in (PT, GPT, TGPT)]))
-    study.say("6.1", "Section 6: its parts alone", text + "The paper shows these in its video, without figures: both together are best, "
-              "adaptive sampling alone adds flicker in smooth places; noise of differences over time alone \"appears glued to the "
-              "surfaces\"; the faster the motion, the less is gained. section-6-parts.jpg, section-6-temporal-only.jpg.\n")
+    study.say("parts", "Section 6: its parts alone", text + "The paper shows these in its video, without figures: both together are "
+              "best, adaptive sampling alone adds flicker in smooth places; noise of differences over time alone \"appears glued to "
+              "the surfaces\". section-6-parts.jpg, section-6-temporal-only.jpg.\n")
+
+
+def section_6_speed(study):
+    text = "".join(study.table(scene, [study.equal_time(scene, label) for label in (PT, GPT, TGPT)])
+                   for scene in ("running-figure", "running-figure:2x", "running-figure:4x"))
+    study.say("speed", "Section 6: faster motion",
+              text + "The paper shows this in its video, without figures: the faster the motion, the less is gained.\n")
 
 
 FIGURES = {"4": figure_4, "5": figure_5, "6": figure_6, "7": figure_7, "8": figure_8, "9": figure_9, "10": figure_10,
-           "11": figure_11, "6.1": section_6}
+           "11": figure_11, "parts": section_6_parts, "speed": section_6_speed}
 
 
 def main():
@@ -561,7 +573,7 @@ def main():
     args.build = args.build.resolve()
     study = Study(args)
     for key in chosen:
-        print(f"== {'Section 6' if key == '6.1' else 'Figure ' + key}", flush=True)
+        print(f"== {'Figure ' + key if key.isdigit() else 'Section 6, ' + key}", flush=True)
         FIGURES[key](study)
     print(f"written: {args.out / 'tables.md'}")
 
