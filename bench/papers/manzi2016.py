@@ -102,8 +102,8 @@ class Study:
         self.width, self.height = (int(n) for n in args.size.split("x"))
         self.work = args.build.parent / f"papers/manzi2016/{args.size}-{args.samples}"
         self.settings = argparse.Namespace(
-            build=args.build, work=self.work, resolution=args.size, frames=FRAMES, threads=None, exposure="shot", denoise=None,
-            reference_spp=args.reference_spp, metrics=METRICS, clock="cpu", oidn=None)
+            build=args.build, work=self.work, resolution=args.size, frames=FRAMES, threads=None, exposure="shot",
+            reference_spp=args.reference_spp, metrics=METRICS, clock="cpu", denoise=None, oidn=None)
 
     @functools.cache
     def bench(self, scene):
@@ -156,8 +156,8 @@ class Study:
     def render(self, scene, name, *options, frames=FRAMES, size=None):
         """Frames rendered with these options, reconstructed by nothing. Returns their pattern."""
         pattern = self.bench(scene).work / name / "f.####.exr"
-        execute(self.tempera, "-q", "render", self.bench(scene).shot, "--resolution", size or self.args.size, "--frames", frames,
-                *options, "-o", pattern)
+        execute(self.tempera, "-q", "render", self.bench(scene).shot, "--resolution", size or self.args.size,
+                "--frames", frames, *options, "-o", pattern)
         return pattern
 
     def say(self, key, title, text):
@@ -205,7 +205,8 @@ def figure_4(study):
     study.say("4", "Figure 4: error over temporal frequencies", theory_table(columns, [
         ("GPT", "independent, spatial rows", 1), ("with dt", "independent, first order", 2),
         ("with dt, dxdt, dydt", "independent, c = 1", 2)]) +
-        "\nThe paper prints a plot without figures and Eq. 4, which gives those above; PT has 10 throughout. Plot: figure-4.svg.\n")
+        "\nThe paper prints a plot without figures and Eq. 4, which gives those above; PT has 10 throughout. "
+        "figure-4.svg.\n")
 
 
 def figure_5(study):
@@ -261,9 +262,9 @@ def figure_6(study):
     a, b = ([v for row in rows for v in row] for rows in (ours, ideal))
     pair = statistics.correlation(a, b)
     study.say("6", "Figure 6: samples by variance of differences, and by variance of the solution",
-              f"`{scene}`, frame {number}, {spp} samples, {len(maps)} and {runs} runs (paper: 128 samples, 100 runs); white is four "
-              f"times the mean. Correlation of both maps: {pair:.2f} (paper: \"look very similar\"). The noise of a variance of {runs} "
-              "runs is in the second one. figure-6.jpg.\n")
+              f"`{scene}`, frame {number}, {spp} samples, {len(maps)} and {runs} runs (paper: 128 samples, 100 runs); "
+              f"white is four times the mean. Correlation of both maps: {pair:.2f} (paper: \"look very similar\"). The "
+              f"noise of a variance of {runs} runs is in the second one. figure-6.jpg.\n")
 
 
 # --- Figure 7: adaptive sampling of PT and TGPT -----------------------------------------------------------------------
@@ -279,7 +280,7 @@ def adaptive_path(study, scene):
             break
         error = min(1.0, error * min(3.0, max(0.33, math.sqrt(seconds / base["seconds"]))))
     result = study.measured(scene, label, study.args.samples, seconds, folder)
-    return result | {"method": "PT, adaptive", "spp": "8 to 8 times those of PT"}, label
+    return result | {"method": "PT, adaptive", "spp": f"8 to {8 * study.args.samples}"}, label
 
 
 def figure_7(study):
@@ -305,9 +306,10 @@ def figure_7(study):
         study.picture(scene, r["method"], final(r, number), crop=part) for r in results] + [
         study.reference(scene, number, crop=part)], width=240)
     study.say("7", "Figure 7: adaptive sampling of PT and of TGPT",
-              study.table(scene, results) + f"`{scene}` in place of Kitchen 1. The paper places samples of PT in batches by their "
-              "variance; our `path` stops at a relative error of each pixel instead. The paper finds no gain for PT and a visible "
-              "one for TGPT. figure-7-samples.jpg (white: four times the mean), figure-7.jpg.\n")
+              study.table(scene, results) +
+              f"`{scene}` in place of Kitchen 1. The paper places samples of PT in batches by their variance; our `path` "
+              "stops at a relative error of each pixel instead. The paper finds no gain for PT and a visible one for TGPT. "
+              "figure-7-samples.jpg (white: four times the mean), figure-7.jpg.\n")
 
 
 # --- Figures 8 and 9: differences over time ---------------------------------------------------------------------------
@@ -339,8 +341,9 @@ def figure_8(study):
         study.picture("bookshelf", f"offset pass of frame {number + 1}", after, channels=[f"offset.color.{c}" for c in "RGB"]),
         figures.Picture("pixels with a partner", after.with_name("source.exr"))], width=240)
     study.say("8", "Figure 8: both passes of a frame",
-              "The paper draws a diagram; figure-8.jpg shows the data that it speaks of, of `bookshelf`: frame t, frame t + 1 with the "
-              f"same random numbers along motion, and which pixels do replay one ({100 * share:.1f} %; black: samples of their own).\n")
+              "The paper draws a diagram; figure-8.jpg shows the data that it speaks of, of `bookshelf`: frame t, frame t + 1 "
+              "with the same random numbers along motion, and which pixels do replay one "
+              f"({100 * share:.1f} %; black: samples of their own).\n")
 
 
 def figure_9(study):
@@ -356,7 +359,8 @@ def figure_9(study):
     unmoved = [[tuple(b - a for a, b in zip(p, q)) for p, q in zip(*rows)] for rows in zip(base, still)]
 
     def rms(rows):  # of the pixels that have a partner, so that both are of the same pixels
-        return math.sqrt(statistics.fmean(v * v for row, there in zip(rows, partner) for d, t in zip(row, there) if t for v in d))
+        return math.sqrt(statistics.fmean(v * v for row, there in zip(rows, partner)
+                                          for d, replays in zip(row, there) if replays for v in d))
     gain = 0.4 / max(1e-9, 2 * rms(unmoved))
     work = study.bench("bookshelf").work
     shown = []
@@ -365,9 +369,9 @@ def figure_9(study):
         shown.append(figures.Picture(caption, work / f"{name}.exr"))
     figures.panel(study.args.out / "figure-9.jpg", shown, width=384)
     study.say("9", "Figure 9: differences over time without and with motion vectors",
-              f"`bookshelf`, frames {number} and {number + 1}, {spp} samples (paper: 512). Root mean square, over pixels that have a partner: "
-              f"{rms(unmoved):.4f} without, {rms(moved):.4f} with motion vectors, {rms(unmoved) / rms(moved):.1f} times less (paper: "
-              "\"significantly smaller\"). Gray is zero. figure-9.jpg.\n")
+              f"`bookshelf`, frames {number} and {number + 1}, {spp} samples (paper: 512), {len(base[0])}x{len(base)}. Root "
+              f"mean square, over pixels that have a partner: {rms(unmoved):.4f} without, {rms(moved):.4f} with motion vectors, "
+              f"{rms(unmoved) / rms(moved):.1f} times less (paper: \"significantly smaller\"). Gray is zero. figure-9.jpg.\n")
 
 
 # --- Figure 10: a pixel over time -------------------------------------------------------------------------------------
@@ -385,7 +389,8 @@ def without_extensions(strip, study, spp, frames, crop, folder):
         execute("oiiotool", "-i", folder / f"base.{t:04}.exr", "--ch", ",".join(["A", *PASS]),
                 "-i", folder / f"offset.{t - 1:04}.exr", "--ch", ",".join(PASS), "--chnames", ",".join(OFFSET), "--chappend",
                 "-i", folder / "source.exr", "--chappend", "-d", "float", "-o", folder / f"both.{t:04}.exr")
-    execute(study.tempera, "-q", "reconstruct", folder / "both.####.exr", "--weights", "uniform", "-o", folder / "final/f.####.exr")
+    execute(study.tempera, "-q", "reconstruct", folder / "both.####.exr", "--weights", "uniform",
+            "-o", folder / "final/f.####.exr")
 
 
 def figure_10(study):
@@ -453,17 +458,17 @@ def figure_11(study):
                       [study.picture(scene, f"{title}: TGPT", final(results[2], number))] +
                       [study.picture(scene, r["method"], final(r, number), crop=part) for r in results] +
                       [study.reference(scene, number, crop=part)], width=240)
-        text += (f"{STANDS_FOR[scene]} Samples of TGPT / PT: {samples} in the paper, {results[2]['spp']} / {results[0]['spp']} here.\n\n" +
-                 study.table(scene, results))
+        text += (f"{STANDS_FOR[scene]} Samples of TGPT / PT: {samples} in the paper, {results[2]['spp']} / {results[0]['spp']} "
+                 "here.\n\n" + study.table(scene, results))
     study.say("11", "Figure 11: PT, GPT and TGPT at equal time", text +
-              f"{study.args.size}, frames {FRAMES}, references of {study.args.reference_spp} samples. The paper shows pictures, no "
-              "errors. figure-11-SCENE.jpg.\n")
+              f"{study.args.size}, frames {FRAMES}, references of {study.args.reference_spp} samples. The paper shows pictures, "
+              "no errors. figure-11-SCENE.jpg.\n")
 
 
 # --- Section 6: each of its parts alone -------------------------------------------------------------------------------
 
 def temporal_only(raw, numbers, folder, alpha=0.2, rounds=6):
-    """Solves for the frames from the pictures and their differences over time alone, robustly [Manzi 2016, Eq. 3 and Sec. 6].
+    """Solves for the frames from the pictures and their differences over time alone, robustly [Manzi 2016, Sec. 6].
 
     Without rows over space every chain of pixels that replay each other is a tridiagonal system of its own."""
     frames = [pixels_of(frame(raw, t), ["R", "G", "B", *OFFSET[:3], *SOURCE]) for t in numbers]
@@ -525,7 +530,8 @@ def section_6_parts(study):
     text = "Adaptive sampling and differences over time, each alone and both:\n\n" + study.table(scene, results)
 
     base = results[0]
-    raw = study.render(scene, "temporal_only/raw", "--integrator", TGPT_UNIFORM, "--spp", base["spp"], "--layers", "color", "--seed", 1)
+    raw = study.render(scene, "temporal_only/raw", "--integrator", TGPT_UNIFORM, "--spp", base["spp"], "--layers", "color",
+                       "--seed", 1)
     folder = study.bench(scene).work / "temporal_only"
     temporal_only(raw, quality.frames_of(FRAMES), folder)
     alone = study.measured(scene, "differences over time alone", base["spp"], base["seconds"], folder)
@@ -533,12 +539,13 @@ def section_6_parts(study):
                   [study.picture(scene, name, file, crop=part) for name, file in (
                       ("PT", final(base, number)), ("over time alone", final(alone, number)),
                       ("TGPT, uniform", final(results[3], number)))], width=240)
-    text += ("Differences over time alone, in one window, with the samples of PT in two passes; its seconds are those of PT, as "
-             "no more paths are needed, and its solution is made by this script:\n\n" + study.table(scene, [base, alone]))
+    text += ("Differences over time alone, in one window, with the samples of PT in two passes; its seconds are those of PT, "
+             "as no more paths are needed, and its solution is made by this script:\n\n" + study.table(scene, [base, alone]))
 
-    study.say("parts", "Section 6: its parts alone", text + "The paper shows these in its video, without figures: both together are "
-              "best, adaptive sampling alone adds flicker in smooth places; noise of differences over time alone \"appears glued to "
-              "the surfaces\". section-6-parts.jpg, section-6-temporal-only.jpg.\n")
+    study.say("parts", "Section 6: its parts alone", text +
+              "The paper shows these in its video, without figures: both together are best, adaptive sampling alone adds "
+              "flicker in smooth places; noise of differences over time alone \"appears glued to the surfaces\". section-6-parts.jpg, "
+              "section-6-temporal-only.jpg.\n")
 
 
 def section_6_speed(study):
