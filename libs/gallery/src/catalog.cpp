@@ -13,6 +13,7 @@ namespace tempera {
 #define TEMPERA_GALLERY_SCENES(X) \
   X(ajar_door)                    \
   X(bathroom)                     \
+  X(bookshelf)                    \
   X(cornell_motion)               \
   X(glass_cylinder)               \
   X(glass_egg)                    \
