@@ -290,6 +290,37 @@ TEST_F(RunPixels, FastGivesTheSameBitsInParts) {
   EXPECT_NEAR(info->shutter_close - info->shutter_open, 0.5, 1e-6);
 }
 
+// Each class of a decomposition is denoised, enlarged and followed to the next key by itself.
+TEST_F(RunPixels, FastOfClassesGivesTheSameBitsInParts) {
+  const std::string fast =
+      "quality = \"fast\"\n[film]\nresolution = \"48x32\"\n[guides]\nspp = 2\n[decompose]\ntree = \"default\"\n"
+      "[denoise]\nmethod = \"nl_means\"\n";
+  const auto of = [&](const std::string& folder, const std::vector<int>& part) {
+    Settled s = settle(folder, nullptr, fast);
+    s.loaded.shot.sequence = {1, 6};
+    s.loaded.shot.frames = part;
+    s.loaded.shot.output = frames(folder);
+    return s;
+  };
+  const RunPlan whole = run(of("whole", {2, 3}));
+  for (const int f : {3, 2}) run(of("parts", {f}));
+  expect_same(whole.output, of("parts", {2, 3}).plan().output, {2, 3});
+  const Frame between = read_frame(frame_path(
+      (fs::path(whole.output).parent_path().parent_path() / "interpolate" / fs::path(whole.output).filename()).string(),
+      3));
+  ASSERT_TRUE(between.has("class.reflection.color"));
+  double color = 0, classes = 0;
+  for (const Layer& l : between.layers()) {
+    if (l.desc.path_class.empty() && l.desc.name != "color") continue;
+    for (int y = 0; y < between.height(); ++y) {
+      for (int x = 0; x < between.width(); ++x)
+        (l.desc.name == "color" ? color : classes) += double(l.image.at(x, y, 1));
+    }
+  }
+  EXPECT_GT(color, 0);
+  EXPECT_NEAR(classes / color, 1, 0.01) << "they add up";
+}
+
 TEST_F(RunPixels, FastMakesACropWindowToo) {
   const Settled s =
       settle("crop", nullptr,
