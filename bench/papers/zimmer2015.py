@@ -141,7 +141,7 @@ def figures_2_4_6(study):
     for number, chain, layer in (("04", "D", "motion.forward"), ("06", "RD", "chain.RD.motion.forward")):
         vectors = [f"{layer}.{c}" for c in "XY"]
         speed = study.out / name / f"vectors_{chain}.exr"
-        # Red to the right, green down, gray where nothing moves; a tenth of a pixel is a stop's part of it.
+        # Gray where nothing moves.
         study.run("oiiotool", "-i", f, "--ch", f"R={vectors[0]},G={vectors[1]},B={vectors[1]}", "--mulc", "0.5,0.5,0",
                   "--addc", "0.2,0.2,0.2", "-o", speed)
         panel(study.out / f"figure_{number}.jpg", [
