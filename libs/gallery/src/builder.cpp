@@ -187,6 +187,7 @@ std::string GalleryBuilder::shot_text(const GalleryVariant* variant) const {
   table("output", {{"layers", "[\"albedo\", \"normal\", \"motion\"]"}});
   table("video", video_);
   table("environment", environment_);
+  table("cameras.camera", {});
   if (!s.classes.empty()) {
     out += s.decomposition ? "\n[decompose]\n" : "\n[classes]\n";
     for (const GalleryClass& c : s.classes) out += fmt::format("{} = \"{}\"  # {}\n", c.name, c.expression, c.help);
