@@ -28,7 +28,7 @@ def seconds_of(command):
     begin = now()
     done = subprocess.run([str(c) for c in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     if done.returncode:
-        sys.exit(f"cost: {' '.join(map(str, command))}: status {done.returncode}\n{done.stdout}")
+        sys.exit(f"{' '.join(map(str, command))}: status {done.returncode}\n{done.stdout}")
     return now() - begin
 
 

@@ -17,15 +17,15 @@ classical factorization that Figure 11 shows to fail is not there to be compared
 import argparse
 import json
 import pathlib
-import resource
 import shutil
 import subprocess
 import sys
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
+sys.path[:0] = [str(ROOT / "bench"), str(ROOT / "bench/papers")]
+from cost import seconds_of  # noqa: E402
 from figures import Picture, panel  # noqa: E402
 
-ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 LAYERS = "color,halves,albedo,normal,emission,object_id,depth,motion,chains,chain_motion"
 SURFACE = ["R", "G", "B", "A", "object_id.I", "depth.Z",
            *(f"motion.{d}.{c}" for d in ("forward", "backward") for c in "XYZV")]
@@ -49,16 +49,9 @@ class Study:
         self.every = max(4, round(4 * 640 / self.width))  # of the keys of `robot`
         self.rows = []
 
-    def run(self, *command):
-        """Processor seconds of a command; ends the program with its messages if it fails."""
-        def now():
-            usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-            return usage.ru_utime + usage.ru_stime
-        begin = now()
-        done = subprocess.run([str(c) for c in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        if done.returncode:
-            sys.exit(f"zimmer2015: {' '.join(map(str, command))}: status {done.returncode}\n{done.stdout}")
-        return now() - begin
+    @staticmethod
+    def run(*command):
+        return seconds_of(command)
 
     def shot(self, scene):
         folder = self.out / "scenes"

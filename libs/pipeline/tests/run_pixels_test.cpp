@@ -131,6 +131,14 @@ class RunPixels : public testing::Test {
     if (stage) s.follow(*stage);
     return s;
   }
+  /// Frames `part` of a shot of six.
+  Settled part_of(const std::string& folder, const std::string& toml, const std::vector<int>& part) const {
+    Settled s = settle(folder, nullptr, toml);
+    s.loaded.shot.sequence = {1, 6};
+    s.loaded.shot.frames = part;
+    s.loaded.shot.output = frames(folder);
+    return s;
+  }
   RunPlan run(const Settled& s, Watch& watch, bool resume = false) const {
     RunPlan plan = s.plan();
     const RenderOptions options{.resume = resume, .checkpoint_seconds = 0, .command = "tempera run"};
@@ -258,13 +266,7 @@ TEST_F(RunPixels, WhatCannotBeIsSaidBeforeRendering) {
 TEST_F(RunPixels, FastGivesTheSameBitsInParts) {
   const std::string fast =
       "quality = \"fast\"\n[film]\nresolution = \"48x32\"\n[guides]\nspp = 2\n[denoise]\nmethod = \"nl_means\"\n";
-  const auto of = [&](const std::string& folder, const std::vector<int>& part) {
-    Settled s = settle(folder, nullptr, fast);
-    s.loaded.shot.sequence = {1, 6};
-    s.loaded.shot.frames = part;
-    s.loaded.shot.output = frames(folder);
-    return s;
-  };
+  const auto of = [&](const std::string& folder, const std::vector<int>& part) { return part_of(folder, fast, part); };
   Watch watch;
   const RunPlan whole = run(of("whole", {1, 2, 3, 4, 5, 6}), watch);
   EXPECT_EQ(whole.render.frames, (std::vector<int>{1, 5, 6}));
@@ -295,13 +297,7 @@ TEST_F(RunPixels, FastOfClassesGivesTheSameBitsInParts) {
   const std::string fast =
       "quality = \"fast\"\n[film]\nresolution = \"48x32\"\n[guides]\nspp = 2\n[decompose]\ntree = \"default\"\n"
       "[denoise]\nmethod = \"nl_means\"\n";
-  const auto of = [&](const std::string& folder, const std::vector<int>& part) {
-    Settled s = settle(folder, nullptr, fast);
-    s.loaded.shot.sequence = {1, 6};
-    s.loaded.shot.frames = part;
-    s.loaded.shot.output = frames(folder);
-    return s;
-  };
+  const auto of = [&](const std::string& folder, const std::vector<int>& part) { return part_of(folder, fast, part); };
   const RunPlan whole = run(of("whole", {2, 3}));
   for (const int f : {3, 2}) run(of("parts", {f}));
   expect_same(whole.output, of("parts", {2, 3}).plan().output, {2, 3});

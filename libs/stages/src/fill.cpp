@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "decomposition.h"
 #include "denoise/denoiser.h"
 #include "sound_values.h"
 #include "tempera/core/parallel.h"
@@ -118,9 +119,7 @@ void fit_classes(const Image& mask, Frame& frame) {
   if (!frame.has(rest) || !frame.has("color")) return;
   std::vector<Image*> parts;
   for (const Layer& l : frame.layers()) {
-    const std::string& name = l.desc.path_class;
-    if (name.empty() || l.desc.name != layers::class_layer(name, layers::color()).name || l.image.channels() < 3)
-      continue;
+    if (!is_class_color(l.desc) || l.image.channels() < 3) continue;
     parts.push_back(&frame.layer(l.desc.name));
   }
   const Image& color = frame.layer("color");

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "decomposition.h"
 #include "denoise/denoiser.h"
 #include "denoise/published.h"
 #include "tempera/core/log.h"
@@ -31,8 +32,7 @@ const std::vector<ParamSpec> kParams = {
      .help =
          "what is denoised: single, the mean of all samples; halves, each half of them; components, the same by class "
          "of light paths as far as that gains; classes, each class by itself and along the vectors of what it is seen "
-         "on, "
-         "all of which are written; auto goes by the number of samples",
+         "on, all of which are written; auto goes by the number of samples",
      .choices = {"auto", "single", "halves", "components", "classes"}},
     {"radius", 2, "frames before and after that are averaged along motion; 0: each frame alone", 0, 4},
     {"cuts", std::string(), "first frames of new shots, e.g. 25,61, where motion vectors do not say so"},
@@ -144,7 +144,7 @@ class Denoise final : public Stage {
   /// Statistics and parts of the noisy picture are not those of the clean one.
   static bool survives(const LayerDesc& d, std::span<const std::string> clean_classes) {
     const bool clean = std::find(clean_classes.begin(), clean_classes.end(), d.path_class) != clean_classes.end();
-    if (clean && d.name == layers::class_layer(d.path_class, layers::color()).name) return true;
+    if (clean && is_class_color(d)) return true;
     return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
            d.role != LayerRole::kReconstruction;
   }

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "decomposition.h"
 #include "denoise/input.h"
 #include "denoise/residuals.h"
 #include "tempera/core/log.h"
@@ -41,11 +42,11 @@ Available::Available(std::span<const LayerDesc> layers) {
   albedo = has(layers::albedo()), normal = has(layers::normal()), emission = has(layers::emission());
   id = has(layers::object_id());
   motion = has(layers::motion_forward()) && has(layers::motion_backward());
-  // Only the classes of a decomposition are disjoint; it has a class for all other light.
-  const bool decomposition = has(layers::class_layer("residual", layers::color()));
+  // Only the classes of a decomposition are disjoint.
+  const bool decomposition = is_decomposed(layers);
   for (const LayerDesc& d : layers) {
     const std::string& name = d.path_class;
-    if (!decomposition || name.empty() || d.name != layers::class_layer(name, layers::color()).name) continue;
+    if (!decomposition || !is_class_color(d)) continue;
     if (has(layers::class_layer(name, layers::color_a())) && has(layers::class_layer(name, layers::color_b())))
       classes.push_back(name);
   }
@@ -137,7 +138,7 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
                          recipe_ == Recipe::kComponents ? " that the first surface scatters" : ""));
     recipe_ = Recipe::kHalves;
   }
-  if (recipe_ == Recipe::kClasses && !available_.classes.empty()) {
+  if (recipe_ == Recipe::kClasses) {
     part_by_class(metadata);
     return;
   }

@@ -281,23 +281,22 @@ class Interpolate final : public Stage {
         if (!has_a || !has_b) t = has_a ? 0.0f : 1.0f;
         // Texture comes from the guide, unless pixels lie on pixels; that of mirrors and glass is the noise of a guide's
         // few samples, and goes where their vectors lead.
-        const bool whole = !part.chains.empty() ||
-                           ((!has_a || is_whole(walks.before.at(x, y))) && (!has_b || is_whole(walks.after.at(x, y))));
+        const bool as_it_is = !part.chains.empty() || ((!has_a || is_whole(walks.before.at(x, y))) &&
+                                                       (!has_b || is_whole(walks.after.at(x, y))));
         known.row(0, y)[x] = has_a || has_b;
         for (int c = 0; c < 3; ++c) {
           float u = noisy.row(c, y)[x], r = light.color.row(c, y)[x];  // the best guess where there is nothing else
           if (has_a || has_b) {
             u = (1 - t) * before.irradiance.row(c, y)[x] + t * after.irradiance.row(c, y)[x];
-            r = whole ? (1 - t) * before.color.row(c, y)[x] + t * after.color.row(c, y)[x]
-                      : u * light.divisor.row(c, y)[x] + light.emission.row(c, y)[x];
+            r = as_it_is ? (1 - t) * before.color.row(c, y)[x] + t * after.color.row(c, y)[x]
+                         : u * light.divisor.row(c, y)[x] + light.emission.row(c, y)[x];
           }
           irradiance.row(c, y)[x] = u;
           out.color.row(c, y)[x] = r;
         }
       }
     });
-    Planes whole = all;  // as irradiance of this part
-    if (!part.add) whole = {};
+    Planes whole = part.add ? all : Planes();  // as irradiance of this part
     for (std::size_t i = 0; i < whole.values().size(); ++i) whole.values()[i] /= light.divisor.values()[i];
     out.unwanted = unwanted(here, walks, before, after, noisy, variance, irradiance, known, whole);
     return out;

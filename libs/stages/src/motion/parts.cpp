@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "decomposition.h"
+
 namespace tempera::motion {
 
 namespace {
@@ -31,12 +33,11 @@ std::vector<std::string> moving_chains(const std::vector<std::string>& chains, s
 
 std::vector<Part> parts_of(std::span<const LayerDesc> layers, const Metadata& metadata) {
   const std::vector<ClassInfo> known = classes(metadata);
-  const bool decomposition = has(layers, layers::class_layer("residual", layers::color()).name);
+  const bool decomposition = is_decomposed(layers);
   std::vector<Part> out;
   if (!decomposition) out.push_back({layers::color().name, {}});
   for (const LayerDesc& d : layers) {
-    if (d.path_class.empty() || !d.pass.empty() || d.name != layers::class_layer(d.path_class, layers::color()).name)
-      continue;
+    if (!is_class_color(d)) continue;
     const auto info =
         std::find_if(known.begin(), known.end(), [&](const ClassInfo& c) { return c.name == d.path_class; });
     Part part{d.name, {}, true, decomposition};

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 
+#include "decomposition.h"
 #include "sound_values.h"
 #include "tempera/core/grid.h"
 #include "tempera/core/parallel.h"
@@ -64,7 +65,7 @@ class Upsample final : public FrameStage {
     SequenceDesc out = small;
     out.width = guides.width, out.height = guides.height;
     const bool decomposed = is_decomposed(small.layers);
-    std::erase_if(out.layers, [&](const LayerDesc& d) { return !survives(d) && !(decomposed && is_class(d)); });
+    std::erase_if(out.layers, [&](const LayerDesc& d) { return !survives(d) && !(decomposed && is_class_color(d)); });
     out.layers.push_back(layers::mask());
     return out;
   }
@@ -72,7 +73,7 @@ class Upsample final : public FrameStage {
     if (port == kFrames) {
       std::vector<LayerUse> uses{{layers::color(), true, "there is nothing to enlarge"}};
       for (const LayerDesc& d : in[kFrames].layers) {
-        if (is_class(d) && is_decomposed(in[kFrames].layers)) uses.push_back({d, true, "other frames have it"});
+        if (is_class_color(d) && is_decomposed(in[kFrames].layers)) uses.push_back({d, true, "other frames have it"});
       }
       return uses;
     }
@@ -120,7 +121,7 @@ class Upsample final : public FrameStage {
     std::vector<Image> parts;
     std::vector<LayerDesc> descs;
     for (const Layer& l : small.layers()) {
-      if (!is_class(l.desc)) continue;
+      if (!is_class_color(l.desc)) continue;
       expect(l.desc.name.c_str(), l.image);
       const auto info =
           std::find_if(known.begin(), known.end(), [&](const ClassInfo& c) { return c.name == l.desc.path_class; });
@@ -154,14 +155,6 @@ class Upsample final : public FrameStage {
   static constexpr float kTolerance = 1e-6f;
   static constexpr float kUnseen = 0.005f;  ///< of all light
 
-  static bool is_class(const LayerDesc& d) {
-    return d.pass.empty() && !d.path_class.empty() && d.name == layers::class_layer(d.path_class, layers::color()).name;
-  }
-  /// Whether classes add up to the picture.
-  static bool is_decomposed(std::span<const LayerDesc> all) {
-    const std::string rest = layers::class_layer("residual", layers::color()).name;
-    return std::any_of(all.begin(), all.end(), [&](const LayerDesc& d) { return d.name == rest; });
-  }
   static bool survives(const LayerDesc& d) {
     return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
            d.role != LayerRole::kReconstruction && d.role != LayerRole::kMask &&
