@@ -45,7 +45,7 @@ class Study:
         self.tempera = args.build / "bin/tempera"
         self.out, self.spp = args.out, args.spp
         self.reference_spp = args.reference_spp
-        self.width, self.height = (int(n) for n in args.size.split("x"))
+        self.width, self.height = args.size
         self.every = max(4, round(4 * 640 / self.width))  # of the keys of `robot`
         self.rows = []
 
@@ -302,11 +302,21 @@ FIGURES = {"1": figure_1, "2": figures_2_4_6, "4": figures_2_4_6, "6": figures_2
            "12": figure_12, "13": figure_13, "14": figure_14, "15": figure_15, "table": table_1}
 
 
+def even_size(text):
+    """WIDTHxHEIGHT of pictures that have a half."""
+    width, cross, height = text.partition("x")
+    if not (cross and width.isdecimal() and height.isdecimal() and int(width) * int(height) > 0):
+        raise argparse.ArgumentTypeError(f"a size is written as 160x90, not {text}")
+    if int(width) % 2 or int(height) % 2:
+        raise argparse.ArgumentTypeError(f"width and height have to be even, unlike {text}")
+    return int(width), int(height)
+
+
 def main():
     parser = argparse.ArgumentParser(prog="./dev paper zimmer2015", description=__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--figure", default=",".join(FIGURES), help=f"comma list of {', '.join(FIGURES)} [all]")
-    parser.add_argument("--size", default="160x90", help="[160x90]")
+    parser.add_argument("--size", type=even_size, default="160x90", metavar="WxH", help="[160x90]")
     parser.add_argument("--spp", type=int, default=512, help="[512, as in the paper]")
     parser.add_argument("--reference-spp", type=int, default=1024, help="of each of two references [1024]")
     parser.add_argument("--quick", action="store_true", help="16 samples and 32 of the references")
