@@ -105,6 +105,7 @@ SurfaceFrame RayScene::surface(const SurfacePoint& point, double u, double v, do
     ng = ng.mapped(m);
     n = n.mapped(m);
   }
+  if (const double area2 = dot(ng.n, ng.n); area2 > 0) r.area_rate = dot(ng.n, ng.dt) / area2;
   ng = ng.unit();
   n = n.unit();
   if (!smooth || n.n == Vec3d{}) n = ng;

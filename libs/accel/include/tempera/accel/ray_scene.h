@@ -49,6 +49,7 @@ struct SurfaceFrame {
   Vec3d dpdu, dpdv;  ///< zero by the angle at the poles of a sphere and the center of a disk
   Vec3d dndu, dndv;
   Vec3d dpdt, dndt, dngdt;
+  double area_rate = 0;  ///< relative growth of the area of its matter, 1/s
 };
 
 /// Where a ray crosses a primitive: its parameters, and the distance in units of the length of the ray's direction.
