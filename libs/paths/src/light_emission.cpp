@@ -30,6 +30,8 @@ float sin2_of(const AreaEmission& emission) {
 
 }  // namespace
 
+float LightSampler::Impl::cone_of_spot(const AreaEmission& emission, double t) { return cone_of(*emission.spot, t); }
+
 /// Spots that have a size are sampled by their cone, whatever the normal: the falloff varies more than the cosine.
 float LightSampler::Impl::direction_pdf(const AreaLight& light, const Vec3f& ng, const Vec3f& w, double t) const {
   const AreaEmission& emission = *light.emission;

@@ -21,10 +21,10 @@ constexpr std::size_t kMaxSteps = std::size_t(1) << 23;  // of the subset constr
 
 // Letters as bits, in the order of the automaton's columns: the events of the table, then E and L, which only begin and
 // end a path.
-constexpr std::string_view kLetters = "DRTVEL";
-constexpr int kColumns = kEventCount + 1;
+constexpr std::string_view kLetters = "DRTVPEL";
+constexpr int kColumns = kEventCount + 2;
 constexpr std::uint8_t kAnyEvent = (1u << kColumns) - 1;
-constexpr std::uint8_t kEye = 1u << 4, kLight = 1u << 5;
+constexpr std::uint8_t kTransmission = 1u << 2, kPassage = 1u << 4, kEye = 1u << 5, kLight = 1u << 6;
 
 /// A state of Thompson's construction: one transition on a set of letters, or up to two empty ones.
 struct NfaState {
@@ -252,7 +252,7 @@ class Parser {
     const std::size_t i = at_ < text_.size() ? kLetters.find(c) : std::string_view::npos;
     if (i == std::string_view::npos) fail(ErrorCode::kSyntax, at_, expected(what));
     ++at_;
-    return std::uint8_t(1u << i);
+    return std::uint8_t((1u << i) | (c == 'T' ? kPassage : 0u));
   }
 
   /// Which states can be reached from `from` by empty transitions, or also by letters.
@@ -333,7 +333,7 @@ std::size_t close(const std::vector<NfaState>& nfa, StateSet& set, std::vector<i
   return steps;
 }
 
-/// A complete deterministic automaton over D, R, T, V; state 0 stands after E.
+/// A complete deterministic automaton over D, R, T, V, P; state 0 stands after E.
 struct Dfa {
   std::vector<std::array<int, kColumns>> next;
   std::vector<std::uint32_t> accept;

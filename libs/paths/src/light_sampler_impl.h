@@ -240,6 +240,8 @@ struct LightSampler::Impl {
   EmissionPdf infinite_pdf(const Vec3f& to_light, double t) const;
   float direction_pdf(const AreaLight& light, const Vec3f& ng, const Vec3f& w, double t) const;
   float direction_pdf(const PunctualLight& light, const Affine3f& world, const Vec3f& w, double t) const;
+  /// 1 - cos of the cone in which an emitting surface shines that is a spot with a size.
+  static float cone_of_spot(const AreaEmission& emission, double t);
   Vec3f spot_axis(const PunctualLight& spot, double t) const {
     return normalize(Affine3f(scene->world(spot.node, t)).z);
   }

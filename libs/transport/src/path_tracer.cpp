@@ -32,7 +32,7 @@ CameraSample camera_sample(const FrameContext& context, const PixelKey& key, int
   const Vec2f film{float(x) + 0.5f + filter.offset.x, float(y) + 0.5f + filter.offset.y};
   const double time =
       settings.clock.exposure_time(context.frame, u.time, std::clamp(film.y / float(settings.height), 0.0f, 1.0f));
-  return {stream, filter.weight, time, film, u.lens, context.camera.ray(film, u.lens, time)};
+  return {stream, filter.weight, time, film, u.lens, context.camera.ray(film, u.lens, time), index};
 }
 
 void set_footprint(const FrameContext& context, const CameraSample& camera, const SurfacePoint& point,

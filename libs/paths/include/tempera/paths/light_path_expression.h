@@ -6,10 +6,10 @@
 //
 //   alt := cat ('|' cat)*     cat := rep+     rep := atom ('*' | '+' | '?' | '{n}' | '{m,n}' | '{m,}')*
 //   atom := letter | '.' | '[' letter+ ']' | '[^' letter+ ']' | '(' alt ')'
-//   letter := E D R T V L (C is E)    '.' is any of D R T V    [^...] is any of D R T V but those
+//   letter := E D R T V P L (C is E)    '.' is any of D R T V    [^...] is any of D R T V but those
 //
 // Every path starts with E, and only there is an E; L stands at the end, where it is implied if it is not written. V is
-// scattering in a medium. Spaces between tokens are ignored.
+// scattering in a medium. P is a T that goes straight on, through a thin sheet. Spaces between tokens are ignored.
 #include <array>
 #include <cstdint>
 #include <optional>
@@ -36,6 +36,8 @@ class LightPathClassifier {
   State next(State s, Event e) const { return table_[s].next[std::size_t(e)]; }
   /// State after scattering in a medium (V).
   State next_medium(State s) const { return table_[s].next[kEventCount]; }
+  /// State after a transmission that goes straight on through a thin sheet (P).
+  State next_passage(State s) const { return table_[s].next[kEventCount + 1]; }
   /// Bit i is set if a path that ends at a light in state s belongs to expression i.
   std::uint32_t classes(State s) const { return table_[s].accept; }
   /// Whether any continuation from s can still belong to a class.
@@ -52,7 +54,7 @@ class LightPathClassifier {
 
  private:
   struct Row {
-    std::array<State, kEventCount + 1> next{};  ///< D, R, T, V
+    std::array<State, kEventCount + 2> next{};  ///< D, R, T, V, P
     std::uint32_t accept = 0;
     bool alive = false;
   };

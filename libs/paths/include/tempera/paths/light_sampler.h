@@ -93,6 +93,7 @@ class LightSampler {
   Vec3f environment_motion(const Vec3f& d, double from, double to) const;
 
  private:
+  friend class LightAim;
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

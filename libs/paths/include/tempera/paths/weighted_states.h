@@ -38,32 +38,51 @@ class WeightedStates {
   /// light of both, which is right in the mean.
   const Rgb& rest() const { return rest_; }
 
-  /// The path scatters; `f` by event, not black in all of them.
-  void scatter(const LightPathClassifier& classifier, const std::array<Rgb, kEventCount>& f) {
+  /// The path scatters; `f` by event, not black in all of them. `straight`: it goes straight on through a thin sheet.
+  void scatter(const LightPathClassifier& classifier, const std::array<Rgb, kEventCount>& f, bool straight = false) {
     const std::array<Rgb, kEventCount> parts = event_parts(f);
     const auto before = shares_;
     shares_.clear();
     for (const Share& s : before) {
       for (int e = 0; e < kEventCount; ++e) {
-        if (!is_black(f[e])) add({classifier.next(s.state, Event(e)), s.part * parts[e]});
+        if (is_black(f[e])) continue;
+        add({straight ? classifier.next_passage(s.state) : classifier.next(s.state, Event(e)), s.part * parts[e]});
       }
     }
   }
 
   /// Adds radiance `c` that arrives along the path to the sums of its classes, the last of which is for paths of no
-  /// class.
-  void add_to(const LightPathClassifier& classifier, const Rgb& c, std::span<Rgb> classes) const {
-    for (const Share& s : shares()) add_light(classifier, s.state, c * s.part, classes);
-    classes.back() += c * rest_;
+  /// class. Paths of a class in `without` are left out. Returns what was added, whatever class it is of.
+  Rgb add_to(const LightPathClassifier& classifier, const Rgb& c, std::span<Rgb> classes,
+             std::uint32_t without = 0) const {
+    Rgb sum = c * rest_;
+    for (const Share& s : shares()) add_light(classifier, s.state, c * s.part, classes, without, sum);
+    if (!classes.empty()) classes.back() += c * rest_;
+    return sum;
   }
   /// The same for light that the path's last vertex scatters towards the eye: `c` over all events, `f` by event.
-  void add_to(const LightPathClassifier& classifier, const Rgb& c, const std::array<Rgb, kEventCount>& f,
-              std::span<Rgb> classes) const {
+  Rgb add_to(const LightPathClassifier& classifier, const Rgb& c, const std::array<Rgb, kEventCount>& f,
+             std::span<Rgb> classes, std::uint32_t without = 0) const {
     const std::array<Rgb, kEventCount> parts = event_parts(f);
+    Rgb sum = c * rest_;
     for (int e = 0; e < kEventCount; ++e) {
       if (is_black(f[e])) continue;
       for (const Share& s : shares())
-        add_light(classifier, classifier.next(s.state, Event(e)), c * s.part * parts[e], classes);
+        add_light(classifier, classifier.next(s.state, Event(e)), c * s.part * parts[e], classes, without, sum);
+    }
+    if (!classes.empty()) classes.back() += c * rest_;
+    return sum;
+  }
+  /// The same for light that the path's last vertex scatters by D, of a path whose part towards the light leads from
+  /// state s to `end(s)`, which is in a class of `own`.
+  template <class End>
+  void add_joined(const LightPathClassifier& classifier, const Rgb& c, std::uint32_t own, std::span<Rgb> classes,
+                  End&& end) const {
+    if (classes.empty()) return;
+    for (const Share& s : shares()) {
+      std::uint32_t members = classifier.classes(end(classifier.next(s.state, Event::kDiffuse))) & ~own;
+      if (members == 0) classes.back() += c * s.part;
+      for (; members; members &= members - 1) classes[std::countr_zero(members)] += c * s.part;
     }
     classes.back() += c * rest_;
   }
@@ -85,8 +104,11 @@ class WeightedStates {
     return parts;
   }
   static void add_light(const LightPathClassifier& classifier, LightPathClassifier::State state, const Rgb& c,
-                        std::span<Rgb> classes) {
+                        std::span<Rgb> classes, std::uint32_t without, Rgb& sum) {
     std::uint32_t members = classifier.classes(state);
+    if (members & without) return;
+    sum += c;
+    if (classes.empty()) return;
     if (members == 0) classes.back() += c;
     for (; members; members &= members - 1) classes[std::countr_zero(members)] += c;
   }

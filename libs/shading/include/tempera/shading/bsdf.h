@@ -139,12 +139,20 @@ class Bsdf {
   /// Draws wi from the mixture of lobes. `u_lobe`, `u` in [0,1). Empty if no lobe scatters or the sample is invalid.
   std::optional<BsdfSample> sample(const Vec3f& wo, float u_lobe, const Vec2f& u) const;
 
+  /// The same as eval and sample, of the lobes alone that are near-specular (R or T, Event) but no deltas; they are chosen
+  /// among each other.
+  BsdfEval eval_near_specular(const Vec3f& wo, const Vec3f& wi) const;
+  std::optional<BsdfSample> sample_near_specular(const Vec3f& wo, float u_lobe, const Vec2f& u) const;
+
   /// The one direction of delta lobe i, as `sample` gives it when it chooses that lobe.
   /// Empty if it scatters nothing. Pre: lobe i is a delta.
   std::optional<BsdfSample> sample_delta(int i, const Vec3f& wo) const;
 
   bool empty() const { return lobes_.size() == 0; }
   bool is_delta(int i) const;
+  /// Whether a lobe is D, or near-specular (R or T, Event) without being a delta.
+  bool has_diffuse() const;
+  bool has_near_specular() const;
   /// Smallest alpha of the lobes that are not deltas; infinity without one.
   float least_roughness() const;
   /// Index of refraction on the other side of the surface over that on the side of `wo`, of the first lobe that is no
@@ -202,6 +210,8 @@ class Bsdf {
   void accumulate(const L& lobe, const Entry& entry, const Vec3f& wo, const Vec3f& wi, const Vec3f& local_wo,
                   const Vec3f& local_wi, BsdfEval& out) const;
   void accumulate_all(const Vec3f& wo, const Vec3f& wi, int skip, BsdfEval& out) const;
+  /// Sum of the probabilities of the near-specular lobes that are no deltas.
+  float near_specular_probability() const;
 
   FixedStack<Entry, kMaxLobes> lobes_;
   FixedStack<Frame, 2 * kMaxFrames> frames_;  // each may have an unbent twin

@@ -71,6 +71,7 @@ struct CameraSample {
   double time;
   Vec2f film, lens;
   CameraRay ray;
+  int index = 0;  ///< among the samples of its pixel
 };
 inline PixelKey own_key(const FrameContext& context, int x, int y) {
   return own_key(context.settings, context.frame, x, y);
@@ -182,23 +183,65 @@ inline Rgb absorption(const Vertex& v, float d) {
   return exp(v.material().absorption(v.s) * -d);
 }
 
+/// Light of a class of paths that something else than the path tracer finds, as photons find caustics.
+class GatheredLight {
+ public:
+  /// Light that arrives at a surface.
+  struct Arrival {
+    Vec3f wi;        ///< unit, towards where it comes from
+    Rgb irradiance;  ///< on the surface as it is, W/m^2
+    int edges = 0;   ///< of its path, from the light to the surface
+    /// State of the classifier at the path's end by the state before its last vertex but this surface.
+    std::span<const LightPathClassifier::State> ends;
+  };
+  virtual ~GatheredLight() = default;
+  /// Bits of the classifier's classes, those of the paths that it stands for.
+  virtual std::uint32_t classes() const = 0;
+  /// What arrives at a vertex that scatters by D, as the sample of that number of a pixel sees it. The span is valid
+  /// until the same thread asks again. Threads: re-entrant.
+  virtual std::span<const Arrival> arriving(const Vertex& at, double time, int sample) const = 0;
+};
+
 /// Collects radiance: the total, and the share of each class (the last entry: paths of no class).
 struct Tally {
   const LightPathClassifier& classifier;
   std::span<Rgb> classes;
   Rgb total;
   float clamp = 0;
+  std::uint32_t without = 0;  ///< classes of paths that are left out
   /// Light that arrives along a path; `scattered`: whether surfaces lie between, else it is not clamped.
   void add(const WeightedStates& states, Rgb c, bool scattered) {
     if (scattered) limit(c);
+    if (without) {
+      total += states.add_to(classifier, c, classes, without);
+      return;
+    }
     total += c;
     if (!classes.empty()) states.add_to(classifier, c, classes);
   }
   /// Light that the last vertex scatters towards the eye; `f` by event.
   void add(const WeightedStates& states, Rgb c, const std::array<Rgb, kEventCount>& f) {
     limit(c);
+    if (without) {
+      total += states.add_to(classifier, c, f, classes, without);
+      return;
+    }
     total += c;
     if (!classes.empty()) states.add_to(classifier, c, f, classes);
+  }
+  /// Light of the classes that are left out, which arrives at a vertex whose throughput is `beta`, seen from v.s.wo.
+  void add(const WeightedStates& states, const Rgb& beta, const Vertex& v, int edges_left,
+           std::span<const GatheredLight::Arrival> arrivals) {
+    for (const GatheredLight::Arrival& a : arrivals) {
+      if (a.edges > edges_left) continue;
+      // Irradiance is by the geometric normal, f_cos by those of the lobes.
+      const Rgb f = v.bsdf.eval(v.s.wo, a.wi).f_cos[std::size_t(Event::kDiffuse)];
+      const float cosine = std::abs(dot(v.s.ng, a.wi));
+      if (is_black(f) || !(cosine > 0)) continue;
+      const Rgb c = beta * f * a.irradiance * (1 / cosine);
+      total += c;
+      states.add_joined(classifier, c, without, classes, [&](LightPathClassifier::State s) { return a.ends[s]; });
+    }
   }
 
  private:
@@ -235,16 +278,17 @@ struct NoObserver {
 };
 
 /// Traces one path. `classes`: empty, or one entry for each class and one for paths of none. `chains`: null, or what
-/// gathers features of chains.
+/// gathers features of chains. `gathered_light`: null, or what finds the light of some classes instead of this path.
 template <class Observer>
 SampleResult trace_path(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
                         std::span<Rgb> classes, Features features, Observer& observer,
-                        ChainFeatures* chains = nullptr) {
+                        ChainFeatures* chains = nullptr, const GatheredLight* gathered_light = nullptr) {
   const RayScene& rays = context.rays;
   const LightSampler& lights = context.lights;
   const LightPathClassifier& classifier = context.classifier;
   SampleResult result;
-  Tally tally{classifier, classes, {}, options.clamp};
+  Tally tally{classifier, classes, {}, options.clamp, gathered_light ? gathered_light->classes() : 0};
+  const bool by_class = !classes.empty() || gathered_light;
 
   const double time = camera.time;
   Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, time};
@@ -252,7 +296,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
   float beta_roulette = 1;  // throughput without absorption
   float eta_product = 1;    // radiance scaling by refraction, taken out of roulette's decision
   WeightedStates states;
-  if (!classes.empty()) states.start(classifier, camera.stream.hash());
+  if (by_class) states.start(classifier, camera.stream.hash());
   if (chains) chains->start();
   float bsdf_pdf = 0;  // density of ray.d at the previous vertex
   bool mis = false;    // whether next-event estimation could have found what this ray finds
@@ -328,6 +372,9 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     observe(index, &v, emitted, light_pdf, pass_probability);
     if (edges >= options.max_depth || v.bsdf.empty()) break;
     const VertexNumbers u = camera.stream.vertex(index);
+    if (gathered_light && v.bsdf.has_non_delta()) {
+      tally.add(states, beta, v, options.max_depth - edges, gathered_light->arriving(v, time, camera.index));
+    }
 
     // Next-event estimation. Each event's share goes to the class that it leads to. [Zimmer 2015, Sec. 3]
     const bool next_event = v.bsdf.has_non_delta() && !lights.empty();
@@ -361,7 +408,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     beta_roulette *= max_component(total) * inv_pdf;
     eta_product *= eta2;
     beta *= total * inv_pdf;
-    if (!classes.empty()) states.scatter(classifier, sample->f_cos);
+    if (by_class) states.scatter(classifier, sample->f_cos, sample->delta && sample->transmitted && sample->eta == 1);
     if (chains && chains->active()) chains->scatter(sample->f_cos);
     mis = !sample->delta && next_event;
     bsdf_pdf = sample->pdf;

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Photons of a frame, found by the point that their footprints cover. [Schjoth 2010, Eq. 8]
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "tempera/accel/box_index.h"
+#include "tempera/photons/photon_tracer.h"
+#include "tempera/transport/path_tracer.h"
+
+namespace tempera {
+
+/// Photons of one piece of an exposure: two halves of independent photons. Threads: const and re-entrant.
+class PhotonMap {
+ public:
+  /// `photons`: all that `tracer` gave, in the order of their numbers. `always_instant`: footprints are taken where they
+  /// are at the time of a sample; else those on still receivers stand for the whole exposure.
+  PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, const LightPathClassifier& classifier,
+            const RayScene& rays, bool always_instant);
+
+  /// What arrives at a vertex at time t from photons of half 0 or 1; from both, in their mean, if `half` is -1.
+  void gather(const Vertex& at, double t, int half, std::vector<GatheredLight::Arrival>& out) const;
+
+  const std::vector<Photon>& photons() const { return photons_; }
+  /// Bytes that it holds.
+  std::uint64_t memory() const;
+
+ private:
+  void add(const Photon& p, const Vec3f& position, const Vec3f& ng, bool moving, std::uint32_t instance, double t,
+           float scale, std::vector<GatheredLight::Arrival>& out) const;
+  std::vector<Photon> photons_;
+  std::vector<std::uint32_t> first_of_half_;              // photons_ is ordered by half
+  std::vector<BoxIndex> index_;                           // by half
+  std::vector<std::vector<LightPathClassifier::State>> ends_;  // by suffix
+  KernelSettings kernel_;
+  double instant_;
+  bool always_instant_;
+  std::vector<char> moves_;
+  const RayScene& rays_;
+};
+
+/// The maps of all pieces of a frame's exposure, as the light that a path tracer lacks.
+class PhotonLight final : public GatheredLight {
+ public:
+  /// `classes`: the bit of kPhotonPaths in the frame's classifier.
+  PhotonLight(const FrameContext& frame, std::uint32_t classes) : frame_(frame), classes_(classes) {}
+  void add(PhotonMap map) { maps_.push_back(std::make_unique<PhotonMap>(std::move(map))); }
+  const PhotonMap& map(std::size_t piece) const { return *maps_[piece]; }
+
+  std::uint32_t classes() const override { return classes_; }
+  std::span<const Arrival> arriving(const Vertex& at, double time, int sample) const override;
+
+ private:
+  const FrameContext& frame_;
+  std::uint32_t classes_;
+  std::vector<std::unique_ptr<PhotonMap>> maps_;
+};
+
+/// The pieces of a frame's exposure, each with its span: one if nothing jumps.
+struct ExposurePiece {
+  const FrameContext* context;
+  TimeSpan span;
+};
+std::vector<ExposurePiece> exposure_pieces_of(const FrameContext& frame);
+/// Whether footprints have to be taken at each sample's own time: where the camera moves during the exposure, or lines of
+/// the picture are exposed one after the other, or the shutter opens gradually.
+bool needs_instants(const FrameContext& frame, TimeSpan exposure);
+
+}  // namespace tempera

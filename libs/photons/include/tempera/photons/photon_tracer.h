@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+// Photons for caustics: light that mirrors and glass send onto surfaces that scatter it diffusely, traced from the
+// lights with its derivatives. [Schjoth 2010, Sec. 3]
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "tempera/paths/light_aim.h"
+#include "tempera/photons/beam.h"
+#include "tempera/photons/photon.h"
+#include "tempera/photons/photon_options.h"
+#include "tempera/transport/frame_context.h"
+
+namespace tempera {
+
+/// Paths that photons stand for: they end, seen from the eye, with D and specular events up to the light, at least one
+/// of which is not the passage through a thin sheet.
+inline constexpr const char* kPhotonPaths = "E.*DP*[^DVP][RT]*";
+
+/// What became of the photons of a frame.
+struct PhotonCounts {
+  std::int64_t emitted = 0, stored = 0, clamped = 0, curved = 0;
+  double emitted_flux = 0, stored_flux = 0, escaped_flux = 0, absorbed_flux = 0;  ///< W, luminance
+  PhotonCounts& operator+=(const PhotonCounts& o);
+};
+
+/// Boxes around all that may send light on by R or T and not straight through, at any time of `span`: each is that of a
+/// shape or of several near each other, at most LightAim::kMaxTargets. Materials are asked at some points of a shape.
+std::vector<Bounds3f> find_casters(const RayScene& rays, TimeSpan span);
+
+/// Photons of one piece of an exposure, all traced at one instant. Threads: const and re-entrant.
+class PhotonTracer {
+ public:
+  /// `exposure`: of the piece, `piece`: its context. Both must outlive this.
+  PhotonTracer(const FrameContext& piece, const PhotonOptions& options, TimeSpan exposure, std::int64_t photons,
+               int max_depth);
+
+  bool has_casters() const { return !casters_.empty(); }
+  double instant() const { return instant_; }
+  TimeSpan exposure() const { return exposure_; }
+  /// When the shutter is open since the instant, and how footprints are spread.
+  const KernelSettings& kernel() const { return kernel_; }
+  std::int64_t photons() const { return photons_; }
+
+  /// Traces photon `index` of photons() and appends what is stored of it.
+  void trace(std::int64_t index, std::vector<Photon>& out, PhotonCounts& counts, std::uint64_t& rays) const;
+
+ private:
+  /// A light's photons of one part, numbered from `first`.
+  struct Share {
+    std::uint32_t light = 0;
+    int part = 0;
+    std::int64_t first = 0, count = 0;
+  };
+  struct Lamp {
+    std::optional<LightAim> aim;
+    std::vector<double> shares;
+    std::int64_t photons = 0;
+  };
+  struct Branch;
+  void plan();
+  std::optional<Branch> start(const Share& share, std::int64_t i, PhotonCounts& counts) const;
+  void store(const Branch& b, const SurfaceFrame& f, const SurfacePoint& point, std::vector<Photon>& out,
+             PhotonCounts& counts) const;
+  double least_radius(const Vec3d& p) const;
+
+  const FrameContext& context_;
+  PhotonOptions options_;
+  TimeSpan exposure_;
+  double instant_;
+  KernelSettings kernel_;
+  std::int64_t photons_;
+  int max_depth_;
+  std::vector<Bounds3f> casters_;
+  std::vector<Lamp> lamps_;
+  std::vector<Share> shares_;
+  std::vector<char> moves_;  // by instance
+  double diameter_ = 0;
+  Vec3d eye_;
+  double pixel_size_ = 0, pixel_angle_ = 0;
+};
+
+}  // namespace tempera

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/photons/photon_options.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace tempera {
+
+namespace {
+
+template <class E>
+E chosen(const Params& p, const char* name) {
+  for (const ParamSpec& s : p.specs()) {
+    if (s.name != name) continue;
+    const auto at = std::find(s.choices.begin(), s.choices.end(), p.get_string(name));
+    return E(at - s.choices.begin());
+  }
+  return {};
+}
+
+}  // namespace
+
+const std::vector<ParamSpec>& PhotonOptions::params() {
+  static const std::vector<ParamSpec> specs = {
+      {"photons", 0, "photons that the lights of a frame emit towards what focuses light; 0: as many as go with the samples",
+       0, 1e8},
+      {"photon_lights", std::string(), "names of the lights that emit photons, separated by commas; empty: all of them"},
+      {"overlap", 0.0, "footprints of photons over a point where light is not focused; 0: by the number of photons", 0,
+       1e4},
+      {"kernel", std::string("epanechnikov"), "how a photon's light is spread over its footprint", -1e300, 1e300,
+       {"uniform", "epanechnikov", "biweight", "gaussian"}},
+      {"sweep", std::string("line"),
+       "how moving footprints stand for the exposure: their exact mean, the nearest place of their way in the space of the "
+       "kernel, or that in the world as published",
+       -1e300, 1e300, {"line", "clamped", "published"}},
+      {"time_filter", std::string("box"), "how light counts from the photons' instant on", -1e300, 1e300,
+       {"box", "decay"}},
+      {"instant", std::string("middle"), "the instant of the exposure at which photons are traced", -1e300, 1e300,
+       {"middle", "open", "close"}},
+      {"gauge", std::string("matter"),
+       "what photons stay with as time passes: the matter that they meet first, or their place and direction at the light "
+       "as published",
+       -1e300, 1e300, {"matter", "emission"}},
+  };
+  return specs;
+}
+
+PhotonOptions::PhotonOptions(const Params& p)
+    : photons(p.get_int("photons")),
+      overlap(p.get_double("overlap")),
+      kernel(chosen<SpatialKernel>(p, "kernel")),
+      sweep(chosen<Sweep>(p, "sweep")),
+      filter(chosen<TimeFilter>(p, "time_filter")),
+      instant(chosen<PhotonInstant>(p, "instant")),
+      gauge(chosen<PhotonGauge>(p, "gauge")) {
+  const std::string& names = p.get_string("photon_lights");
+  for (std::size_t at = 0; at < names.size();) {
+    const std::size_t end = std::min(names.find(',', at), names.size());
+    const std::size_t first = names.find_first_not_of(' ', at), last = names.find_last_not_of(' ', end - 1);
+    if (end > at && first <= last && first < end) lights.push_back(names.substr(first, last - first + 1));
+    at = end + 1;
+  }
+}
+
+double PhotonOptions::overlap_of(std::int64_t n) const {
+  return overlap > 0 ? overlap : 9 * std::sqrt(std::max(1.0, double(n) / 1000));
+}
+
+double PhotonOptions::instant_of(const TimeSpan& exposure) const {
+  switch (instant) {
+    case PhotonInstant::kOpen:
+      return exposure.begin;
+    case PhotonInstant::kClose:
+      return exposure.end;
+    default:
+      return 0.5 * (exposure.begin + exposure.end);
+  }
+}
+
+}  // namespace tempera

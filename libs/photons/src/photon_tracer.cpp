@@ -1,0 +1,520 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tempera/photons/photon_tracer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "tempera/core/fixed_stack.h"
+#include "tempera/transport/path_tracer.h"
+
+namespace tempera {
+
+namespace {
+
+/// Directions of a column at most, as a tangent.
+constexpr double kMostSpread = 0.5;
+/// Of the flux that a photon began with: branches with less go on by chance.
+constexpr float kLeastFlux = 0.05f;
+/// Largest footprint and largest way during the exposure, of the diameter of the scene.
+constexpr double kMostRadius = 0.025, kMostSweep = 0.1;
+/// Smallest one where the pixels do not say it, of the diameter.
+constexpr double kLeastRadius = 2e-4;
+constexpr double kGrazing = 1e-4;
+/// Change of the normal over a beam from which on it is no longer nearly linear.
+constexpr double kCurved = 0.5;
+/// Share of photons that goes wherever lights shine, in case something focuses light that was not known to.
+constexpr double kEverywhere = 0.1;
+
+/// Whether a surface sends light from `wo` on by R or T, and not straight through.
+bool focuses(const Bsdf& bsdf, const Vec3f& wo) {
+  if (bsdf.has_near_specular()) return true;
+  for (int i = 0; i < bsdf.size(); ++i) {
+    if (!bsdf.is_delta(i)) continue;
+    const auto s = bsdf.sample_delta(i, wo);
+    if (s && !(s->transmitted && s->eta == 1)) return true;
+  }
+  return false;
+}
+
+/// The same at some points of a shape, from both sides.
+bool focuses(const RayScene& rays, std::uint32_t instance, std::uint32_t shape, double t) {
+  const Shape& s = rays.scene().shapes[shape];
+  const auto* mesh = std::get_if<Mesh>(&s.geometry);
+  const std::size_t triangles = mesh ? mesh->triangle_count() : 1;
+  constexpr std::size_t kPoints = 32;
+  Bsdf bsdf;
+  for (std::size_t k = 0; k < std::min(kPoints, mesh ? triangles : kPoints); ++k) {
+    SurfacePoint point{instance, shape, 0, 0.3f, 0.3f};
+    if (mesh) {
+      point.primitive = std::uint32_t(k * triangles / std::min(kPoints, triangles));
+    } else {
+      point.u = (float(k) + 0.5f) / kPoints;
+      point.v = to_unit_float(std::uint32_t(mix64(k)));
+    }
+    for (const float side : {1.0f, -1.0f}) {
+      Vec3f ng;
+      rays.position(point, t, &ng);
+      if (!(length_squared(ng) > 0)) continue;
+      const Basis b(ng);
+      const Vec3f wo = normalize(ng * side + b.s * 0.5f);
+      ShadingPoint at = rays.shading_point(point, t, wo);
+      at.bends = false;
+      make_bsdf(*s.material, at, bsdf);
+      if (focuses(bsdf, wo)) return true;
+    }
+  }
+  return false;
+}
+
+/// Joins boxes that lie near each other until there are at most `most`.
+void join(std::vector<Bounds3f>::iterator first, std::vector<Bounds3f>::iterator last, std::size_t most,
+          std::vector<Bounds3f>& out) {
+  const auto count = std::size_t(last - first);
+  if (count <= most) {
+    out.insert(out.end(), first, last);
+    return;
+  }
+  Bounds3f all, centers;
+  for (auto i = first; i != last; ++i) all.extend(*i), centers.extend(i->center());
+  if (most == 1) {
+    out.push_back(all);
+    return;
+  }
+  const Vec3f size = centers.hi - centers.lo;
+  const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
+  const auto middle = first + std::ptrdiff_t(count / 2);
+  std::nth_element(first, middle, last,
+                   [&](const Bounds3f& a, const Bounds3f& b) { return a.center()[axis] < b.center()[axis]; });
+  join(first, middle, most / 2, out);
+  join(middle, last, most - most / 2, out);
+}
+
+std::array<Vec3d, 2> across(const Vec3d& w) {
+  const Basis b{Vec3f(w)};
+  const Vec3d s = normalize(Vec3d(b.s) - w * dot(w, Vec3d(b.s)));
+  return {s, cross(w, s)};
+}
+
+}  // namespace
+
+PhotonCounts& PhotonCounts::operator+=(const PhotonCounts& o) {
+  emitted += o.emitted, stored += o.stored, clamped += o.clamped, curved += o.curved;
+  emitted_flux += o.emitted_flux, stored_flux += o.stored_flux;
+  escaped_flux += o.escaped_flux, absorbed_flux += o.absorbed_flux;
+  return *this;
+}
+
+std::vector<Bounds3f> find_casters(const RayScene& rays, TimeSpan span) {
+  const Scene& scene = rays.scene();
+  const double t = 0.5 * (span.begin + span.end);
+  std::vector<Bounds3f> boxes, result;
+  std::vector<signed char> known(scene.shapes.size(), -1);
+  for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
+    if (!scene.visible(scene.instances[i].node, t)) continue;
+    for (const int shape : scene.groups[scene.instances[i].group]) {
+      signed char& k = known[shape];
+      if (k < 0) k = focuses(rays, i, std::uint32_t(shape), t);
+      if (!k) continue;
+      const Bounds3f box = rays.swept_bounds(i, std::uint32_t(shape), span);
+      if (!box.empty()) boxes.push_back(box);
+    }
+  }
+  join(boxes.begin(), boxes.end(), LightAim::kMaxTargets, result);
+  return result;
+}
+
+/// A photon on its way.
+struct PhotonTracer::Branch {
+  Beam beam;
+  Rgb flux;
+  float relative = 1;  ///< flux over that of the start
+  float rate = 0;
+  double distance = 0;  ///< from the light to where the beam was bent first
+  EmitterMotion emitter;
+  Vec3f ray_from;
+  PhotonEvents events;
+  int depth = 0;
+  std::int64_t photons = 0;  ///< of the light
+  float width = 1;           ///< length of columns over those of a photon that was not thinned out
+  bool bent = false, from_infinity = false, clamped = false;
+  std::uint8_t half = 0;
+};
+
+PhotonTracer::PhotonTracer(const FrameContext& piece, const PhotonOptions& options, TimeSpan exposure,
+                           std::int64_t photons, int max_depth)
+    : context_(piece),
+      options_(options),
+      exposure_(exposure),
+      instant_(options.instant_of(exposure)),
+      kernel_{options.kernel, options.sweep, options.filter, 0, 0},
+      photons_(photons),
+      max_depth_(max_depth),
+      casters_(find_casters(piece.rays, exposure)) {
+  if (options.temporal) kernel_.begin = exposure.begin - instant_, kernel_.end = exposure.end - instant_;
+  const Scene& scene = piece.scene;
+  moves_.resize(scene.instances.size());
+  for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
+    for (const int shape : scene.groups[scene.instances[i].group])
+      moves_[i] |= char(options.temporal && piece.rays.moves(i, std::uint32_t(shape), exposure));
+  }
+  diameter_ = 2 * double(std::max(piece.rays.bounds().radius(), 1e-6f));
+  const RenderSettings& s = piece.settings;
+  const Vec2f middle{0.5f * float(s.width), 0.5f * float(s.height)};
+  const CameraRay a = piece.camera.ray(middle, {0.5f, 0.5f}, instant_);
+  const CameraRay b = piece.camera.ray(middle + Vec2f{1, 0}, {0.5f, 0.5f}, instant_);
+  eye_ = Vec3d(piece.camera.position(instant_));
+  pixel_size_ = length(Vec3d(a.o) - Vec3d(b.o));
+  pixel_angle_ = length(Vec3d(a.d) - Vec3d(b.d));
+  plan();
+}
+
+/// Half of a pixel where the camera sees it.
+double PhotonTracer::least_radius(const Vec3d& p) const {
+  const double r = 0.5 * (pixel_size_ + pixel_angle_ * length(p - eye_));
+  return std::clamp(r, 1e-3 * kLeastRadius * diameter_, 10 * kLeastRadius * diameter_);
+}
+
+/// Divides the photons among the lights and their parts by the light that goes there.
+void PhotonTracer::plan() {
+  const std::uint32_t count = LightAim::light_count(context_.lights);
+  lamps_.resize(count);
+  std::vector<double> weights;
+  double towards_all = 0;
+  for (std::uint32_t l = 0; l < count; ++l) {
+    if (!options_.lights.empty() &&
+        std::find(options_.lights.begin(), options_.lights.end(), LightAim::light_name(context_.lights, l)) ==
+            options_.lights.end()) {
+      continue;
+    }
+    Lamp& lamp = lamps_[l];
+    lamp.aim.emplace(context_.lights, l, casters_, instant_);
+    const int parts = lamp.aim->parts();
+    std::vector<double> power(parts);
+    constexpr std::uint32_t kPilot = 64;
+    for (int k = 0; k < parts; ++k) {
+      std::vector<double> alone(parts);
+      alone[k] = 1;
+      for (std::uint32_t i = 0; i < kPilot; ++i) {
+        const SampleStream stream(SamplerKind::kSobol, context_.settings.seed, stream_number(StreamPurpose::kPilot, 0),
+                                  int(l), k, i);
+        const LightNumbers u = stream.light();
+        const auto e = lamp.aim->emit(k, alone, u.choice, u.position, u.direction);
+        if (e) power[k] += double(luminance(e->power)) / (e->pdf_position * e->pdf_direction * kPilot);
+      }
+    }
+    double towards = 0;
+    for (int k = 1; k < parts; ++k) towards += power[k];
+    power[0] = towards > 0 ? kEverywhere * towards : std::min(power[0], 1e-3 * power[0]);
+    for (int k = 0; k < parts; ++k) {
+      shares_.push_back({l, k, 0, 0});
+      weights.push_back(power[k]);
+      towards_all += power[k];
+    }
+  }
+  if (!(towards_all > 0)) {
+    photons_ = 0;
+    shares_.clear();
+    return;
+  }
+  double sum = 0;
+  std::int64_t before = 0;
+  for (std::size_t i = 0; i < shares_.size(); ++i) {
+    sum += weights[i];
+    const auto after = std::int64_t(std::llround(double(photons_) * std::min(sum / towards_all, 1.0)));
+    shares_[i].first = before, shares_[i].count = after - before;
+    before = after;
+    lamps_[shares_[i].light].photons += shares_[i].count;
+  }
+  for (const Share& s : shares_) {
+    Lamp& lamp = lamps_[s.light];
+    lamp.shares.push_back(lamp.photons > 0 ? double(s.count) / double(lamp.photons) : 0.0);
+  }
+  std::erase_if(shares_, [](const Share& s) { return s.count == 0; });
+  photons_ = before;
+}
+
+std::optional<PhotonTracer::Branch> PhotonTracer::start(const Share& share, std::int64_t i,
+                                                        PhotonCounts& counts) const {
+  const Lamp& lamp = lamps_[share.light];
+  const RenderSettings& settings = context_.settings;
+  // Photons keep their numbers from frame to frame, so that what is left of noise does not flicker.
+  const SampleStream stream(settings.sampler, settings.seed, stream_number(StreamPurpose::kLight, 0), int(share.light),
+                            share.part, std::uint32_t(i));
+  const LightNumbers u = stream.light();
+  ++counts.emitted;
+  const auto e = lamp.aim->emit(share.part, lamp.shares, u.choice, u.position, u.direction);
+  if (!e) return std::nullopt;
+  Branch b;
+  const double n = double(lamp.photons);
+  b.flux = e->power * float(1 / (n * e->pdf_position * e->pdf_direction));
+  b.photons = lamp.photons;
+  b.half = std::uint8_t(i & 1);
+  b.beam.x = e->p, b.beam.w = e->w;
+  // Cells of the light that one photon stands for, so large that `overlap` of them cover a point.
+  const double beta = std::sqrt(4 * options_.overlap_of(lamp.photons) / kPiD);
+  int column = 0;
+  if (!e->delta_position) {
+    const double size = beta / std::sqrt(n * e->pdf_position);
+    for (const Vec3d& d : across(e->infinite ? e->w : Vec3d(e->n))) b.beam.dx[column++] = d * size;
+  }
+  if (!e->delta_direction) {
+    const double size = std::min(beta / std::sqrt(n * e->pdf_direction), kMostSpread);
+    for (const Vec3d& d : across(e->w)) b.beam.dw[column++] = d * size;
+  }
+  if (options_.temporal) {
+    b.emitter = {e->infinite, e->velocity, e->turn};
+    b.beam.dx[Beam::kTime] = e->velocity;
+    b.beam.dw[Beam::kTime] = cross(e->turn, e->w);
+  }
+  b.from_infinity = e->infinite;
+  b.ray_from = length_squared(e->n) > 0 ? context_.rays.offset_origin(Vec3f(e->p), e->n, Vec3f(e->w)) : Vec3f(e->p);
+  counts.emitted_flux += double(luminance(b.flux));
+  return b;
+}
+
+void PhotonTracer::store(const Branch& b, const SurfaceFrame& f, const SurfacePoint& point, std::vector<Photon>& out,
+                         PhotonCounts& counts) const {
+  Photon p;
+  const Vec3d wi = -b.beam.w;
+  const Vec3d n = dot(f.ng, wi) < 0 ? -f.ng : f.ng;
+  const double least = least_radius(f.p), most = std::max(kMostRadius * diameter_, least);
+  bool clamped = false;
+  const bool grazing = dot(n, wi) < kGrazing;
+  FootprintAxes axes = footprint_axes(std::span(b.beam.dx).first<Beam::kSpatial>(), n, least, most, &clamped);
+  // What moves over the matter of the receiver, which carries it along.
+  Vec3d slip = b.beam.dx[Beam::kTime] - f.dpdt;
+  slip = slip - n * dot(n, slip);
+  float rate = b.rate;
+  if (grazing || !is_finite(axes.a) || !is_finite(axes.b) || !is_finite(slip)) {
+    axes = footprint_axes({}, n, least, most);
+    slip = {};
+    rate = 0;
+    clamped = true;
+  }
+  const double span = kernel_.end - kernel_.begin, way = length(slip) * span, limit = kMostSweep * diameter_;
+  if (way > limit) slip *= limit / way, clamped = true;
+  p.footprint = Footprint(Vec3f(f.p), axes, Vec3f(slip));
+  p.flux = b.flux;
+  p.rate = rate;
+  p.n = PackedDirection(Vec3f(n));
+  p.wi = PackedDirection(Vec3f(wi));
+  p.instance = point.instance;
+  p.events = b.events;
+  p.half = b.half;
+  p.moving = moves_[point.instance];
+  if (!is_finite(p.flux)) return;
+  out.push_back(p);
+  ++counts.stored;
+  counts.clamped += clamped;
+}
+
+namespace {
+
+/// Changes of the normal of a lobe that is not the surface's own, as of a bump map: differences over the beam's width,
+/// finer than which photons do not see.
+Beam::Columns perturbed_normal_change(const RayScene& rays, const Vertex& v, const SurfaceFrame& f,
+                                      const MatterChange& change, int frame_lobe, double t) {
+  const Vec3f n = v.bsdf.frame(frame_lobe).n;
+  double du = 0, dv = 0;
+  for (int i = 0; i < Beam::kSpatial; ++i) du = std::max(du, std::abs(change.u[i])), dv = std::max(dv, std::abs(change.v[i]));
+  const auto slope = [&](double step, bool along_v) -> Vec3d {
+    if (!(step > 0)) return {};
+    const float h = float(std::clamp(0.25 * step, 1e-4, 0.1));
+    Vec3f normals[2];
+    Bsdf bsdf;
+    for (const int side : {0, 1}) {
+      SurfacePoint point = v.hit.point;
+      (along_v ? point.v : point.u) += side ? h : -h;
+      ShadingPoint at = rays.shading_point(point, t, v.s.wo);
+      at.bends = false;
+      make_bsdf(v.material(), at, bsdf);
+      if (frame_lobe >= bsdf.size()) return {};
+      normals[side] = bsdf.frame(frame_lobe).n;
+      if (dot(normals[side], n) < 0) normals[side] = -normals[side];
+    }
+    return (Vec3d(normals[1]) - Vec3d(normals[0])) * (0.5 / double(h));
+  };
+  const Vec3d dndu = slope(du, false), dndv = slope(dv, true);
+  Beam::Columns r;
+  for (int i = 0; i < Beam::kColumns; ++i) r[i] = dndu * change.u[i] + dndv * change.v[i];
+  r[Beam::kTime] += f.dndt;
+  return r;
+}
+
+}  // namespace
+
+void PhotonTracer::trace(std::int64_t index, std::vector<Photon>& out, PhotonCounts& counts,
+                         std::uint64_t& ray_count) const {
+  const auto share = std::prev(std::upper_bound(shares_.begin(), shares_.end(), index,
+                                                [](std::int64_t i, const Share& s) { return i < s.first; }));
+  const RayScene& rays = context_.rays;
+  const double t = instant_;
+  auto first = start(*share, index - share->first, counts);
+  if (!first) return;
+  const float initial = std::max(max_component(first->flux), 1e-38f);
+  const SampleStream stream(context_.settings.sampler, context_.settings.seed, stream_number(StreamPurpose::kLight, 0),
+                            int(share->light), share->part, std::uint32_t(index - share->first));
+  constexpr std::size_t kOpen = 64;
+  thread_local std::vector<Branch> open;
+  open.assign(1, *first);
+  Vertex v;
+  for (std::uint64_t traced = 0; !open.empty(); ++traced) {
+    Branch b = open.back();
+    open.pop_back();
+    const double flux_in = double(luminance(b.flux));
+    Ray ray{b.ray_from, Vec3f(b.beam.w), 0, kInfinity, t};
+    int passed = 0;
+    float pass_probability = 1;
+    const EdgeEnd end = follow(context_, stream, std::uint32_t(b.depth), ray, nullptr, v, passed, pass_probability);
+    ray_count += std::uint64_t(passed) + 1;
+    if (end != EdgeEnd::kSurface) {
+      counts.escaped_flux += flux_in;
+      continue;
+    }
+    Hit hit = v.hit;
+    hit.t = float(dot(Vec3d(v.s.p) - b.beam.x, b.beam.w));
+    double u = hit.point.u, w = hit.point.v, distance = hit.t;
+    if (const auto crossing = rays.refine(hit, b.beam.x, b.beam.w, t)) {
+      u = crossing->u, w = crossing->v, distance = crossing->distance;
+    }
+    const SurfaceFrame f = rays.surface(hit.point, u, w, t);
+    const double cos_g = std::abs(dot(f.ng, b.beam.w));
+    if (!(cos_g > 1e-7) || !(distance > 0)) {
+      counts.absorbed_flux += flux_in;
+      continue;
+    }
+    if (v.material().has_absorption() && !(b.depth == 0 && b.from_infinity)) b.flux *= absorption(v, float(distance));
+    const double arrived = double(luminance(b.flux));
+    counts.absorbed_flux += flux_in - arrived;
+    transfer(f, distance, b.beam);
+    if (!options_.temporal) b.beam.dx[Beam::kTime] = b.beam.dw[Beam::kTime] = {};
+    if (!b.bent) b.distance += distance;
+
+    const Vec3f wl = v.s.wo;
+    v.s.bends = false;
+    v.make_bsdf();
+    const MatterChange change = matter_change(f, b.beam);
+    const Beam::Columns dn = normal_change(f, change);
+    // Branches of all specular lobes.
+    struct Way {
+      BsdfSample sample;
+      Rgb flux;
+    };
+    FixedStack<Way, Bsdf::kMaxLobes + 1> ways;
+    const auto add = [&](const BsdfSample& s, const Rgb& f_cos, float pdf) {
+      const Vec3f n = v.bsdf.frame(s.lobe).n;
+      const float eta2 = s.transmitted ? s.eta * s.eta : 1.0f;
+      const float ng_wl = std::abs(dot(v.s.ng, wl)), ng_wc = std::abs(dot(v.s.ng, s.wi));
+      // Flux is conserved where radiance is compressed by refraction [Veach 1997, Sec. 5.2]; a shading normal changes
+      // it [Veach 1997, Sec. 5.3].
+      const float correction = s.delta ? eta2 * std::abs(dot(n, wl)) * ng_wc /
+                                             (std::max(std::abs(dot(n, s.wi)), 1e-7f) * std::max(ng_wl, 1e-7f))
+                                       : ng_wc / std::max(ng_wl, 1e-7f);
+      const Rgb flux = b.flux * f_cos * (correction / pdf);
+      if (!is_black(flux) && is_finite(flux)) ways.push({s, flux});
+    };
+    for (int i = 0; i < v.bsdf.size(); ++i) {
+      if (!v.bsdf.is_delta(i)) continue;
+      if (const auto s = v.bsdf.sample_delta(i, wl)) add(*s, s->sum(), 1);
+    }
+    const VertexNumbers numbers = stream.vertex(std::uint32_t(b.depth), Subpath::kLight);
+    if (v.bsdf.has_near_specular()) {
+      if (const auto s = v.bsdf.sample_near_specular(wl, numbers.lobe, numbers.direction)) {
+        const Rgb adjoint = v.bsdf.eval_near_specular(s->wi, wl).sum();
+        add(*s, adjoint, s->pdf);
+      }
+    }
+    double onward = 0;
+    for (const Way& way : ways) onward += double(luminance(way.flux));
+    if (b.bent && v.bsdf.has_diffuse()) {
+      store(b, f, hit.point, out, counts);
+      counts.stored_flux += arrived - onward;
+    } else {
+      counts.absorbed_flux += arrived - onward;
+    }
+
+    for (int k = 0; k < ways.size(); ++k) {
+      const Way& way = ways[k];
+      const BsdfSample& s = way.sample;
+      const double flux = double(luminance(way.flux));
+      Branch next = b;
+      next.flux = way.flux;
+      next.relative = max_component(way.flux) / initial;
+      if (b.events.full() || b.depth + 2 >= max_depth_ || open.size() == kOpen) {
+        counts.absorbed_flux += flux;
+        continue;
+      }
+      if (next.relative < kLeastFlux) {
+        const float q = next.relative / kLeastFlux;
+        const float number = to_unit_float(std::uint32_t(
+            mix64(std::uint64_t(stream.hash()) * 0x9e3779b97f4a7c15ull + traced * kOpen + std::uint64_t(k))));
+        if (!(number < q)) {
+          counts.absorbed_flux += flux;
+          continue;
+        }
+        next.flux *= 1 / q;
+        next.relative = kLeastFlux;
+        counts.absorbed_flux -= flux * (1 / double(q) - 1);
+        // Those that are left are fewer.
+        const double widening = 1 / std::sqrt(double(q));
+        next.width *= float(widening);
+        for (int i = 0; i < Beam::kSpatial; ++i) next.beam.dx[i] *= widening, next.beam.dw[i] *= widening;
+      }
+      const bool straight = s.delta && s.transmitted && s.eta == 1;
+      if (!straight && !next.bent) {
+        next.bent = true;
+        if (options_.temporal && options_.gauge == PhotonGauge::kMatter && moves_[hit.point.instance])
+          next.rate = float(follow_matter(f, next.emitter, next.distance, next.beam));
+      }
+      if (!straight) {
+        Beam::Columns turn = next.beam.dx == b.beam.dx ? dn : normal_change(f, matter_change(f, next.beam));
+        Vec3d n(v.bsdf.frame(s.lobe).n);
+        Vec3d own = f.n;
+        if (dot(n, own) < 0) {
+          own = -own;
+          for (Vec3d& d : turn) d = -d;
+        }
+        double curvature = 0;
+        if (s.delta && dot(n, own) < 1 - 1e-7) turn = perturbed_normal_change(rays, v, f, matter_change(f, next.beam), s.lobe, t);
+        if (s.delta && dot(n, own) >= 1 - 1e-7) n = own;
+        if (!s.delta) {
+          const Vec3d wi(s.wi), wo(wl);
+          Vec3d m = normalize(s.transmitted ? -(wo + wi * double(s.eta)) : wi + wo);
+          if (s.transmitted && s.eta == 1) m = n;
+          if (dot(m, n) < 0) m = -m;
+          turn = turned(turn, n, m);
+          n = m;
+        }
+        for (int i = 0; i < Beam::kSpatial; ++i) curvature = std::max(curvature, length(turn[i]));
+        counts.curved += curvature > kCurved;
+        if (s.transmitted) {
+          if (!(s.eta == 1) && !refract(n, turn, double(s.eta), next.beam)) {
+            counts.absorbed_flux += flux;
+            continue;
+          }
+        } else {
+          reflect(n, turn, next.beam);
+        }
+        if (!s.delta) {
+          const double beta = std::sqrt(4 * options_.overlap_of(b.photons) / kPiD) * double(next.width);
+          next.beam.w = normalize(Vec3d(s.wi));
+          widen(std::min(beta / std::sqrt(double(b.photons) * double(s.pdf)), kMostSpread), next.beam);
+        }
+      }
+      if (!is_finite(next.beam.w)) {
+        counts.absorbed_flux += flux;
+        continue;
+      }
+      next.beam.w = normalize(next.beam.w);
+      next.events.push(straight        ? PhotonEvents::kPassage
+                       : s.transmitted ? PhotonEvents::kTransmission
+                                       : PhotonEvents::kReflection);
+      ++next.depth;
+      next.ray_from = rays.offset_origin(v.s.p, v.s.ng, Vec3f(next.beam.w));
+      open.push_back(next);
+    }
+  }
+}
+
+}  // namespace tempera
