@@ -1,101 +1,100 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tempera/accel/box_index.h"
 
-#include <embree3/rtcore.h>
+#include <algorithm>
+#include <cmath>
+#include <limits>
 
-#include "geometry_cache.h"
 #include "tempera/core/error.h"
 
 namespace tempera {
 
 namespace {
 
-constexpr float kLargest = 1e18f;  // of coordinates that Embree takes
-
-bool holds(const Bounds3f& b, const Vec3f& p) {
-  return p.x >= b.lo.x && p.x <= b.hi.x && p.y >= b.lo.y && p.y <= b.hi.y && p.z >= b.lo.z && p.z <= b.hi.z;
-}
-
-Vec3f clamped(const Vec3f& p) {
-  return {std::clamp(p.x, -kLargest, kLargest), std::clamp(p.y, -kLargest, kLargest),
-          std::clamp(p.z, -kLargest, kLargest)};
+/// What boxes are kept apart by: a large box among small ones would make the boxes around them large.
+int size_class(const Bounds3f& b) {
+  const float size = std::max({b.hi.x - b.lo.x, b.hi.y - b.lo.y, b.hi.z - b.lo.z});
+  return size > 0 ? std::clamp(std::ilogb(size) / 2, -16, 15) : -16;
 }
 
 }  // namespace
 
-struct BoxIndex::Impl {
-  struct Entry {
-    Bounds3f box;
-    std::uint32_t index = 0;
-  };
-  std::vector<Entry> entries;
-  RTCDevice device = nullptr;
-  EmbreeScene scene;
-
-  ~Impl() {
-    scene = {};
-    if (device) rtcReleaseDevice(device);
+std::int32_t BoxIndex::add_node() {
+  Node n;
+  for (int a = 0; a < 3; ++a) {
+    n.lo[a] = Floats{} + std::numeric_limits<float>::quiet_NaN();
+    n.hi[a] = n.lo[a];
   }
-};
-
-BoxIndex::BoxIndex(std::span<const Bounds3f> boxes) : impl_(std::make_unique<Impl>()) {
-  Impl& s = *impl_;
-  TEMPERA_ASSERT(boxes.size() < std::uint32_t(-1));
-  for (std::size_t i = 0; i < boxes.size(); ++i) {
-    const Bounds3f& b = boxes[i];
-    if (b.lo.x <= b.hi.x && b.lo.y <= b.hi.y && b.lo.z <= b.hi.z) s.entries.push_back({b, std::uint32_t(i)});
-  }
-  if (s.entries.empty()) return;
-  s.device = new_device();
-  s.scene = EmbreeScene(rtcNewScene(s.device));
-  RTCGeometry g = rtcNewGeometry(s.device, RTC_GEOMETRY_TYPE_USER);
-  rtcSetGeometryUserPrimitiveCount(g, unsigned(s.entries.size()));
-  rtcSetGeometryUserData(g, &s);
-  rtcSetGeometryBoundsFunction(
-      g,
-      [](const RTCBoundsFunctionArguments* args) {
-        const Bounds3f& b = static_cast<const Impl*>(args->geometryUserPtr)->entries[args->primID].box;
-        const Vec3f lo = clamped(b.lo), hi = clamped(b.hi);
-        *args->bounds_o = {lo.x, lo.y, lo.z, 0, hi.x, hi.y, hi.z, 0};
-      },
-      nullptr);
-  rtcCommitGeometry(g);
-  rtcAttachGeometry(s.scene.scene, g);
-  rtcReleaseGeometry(g);
-  rtcCommitScene(s.scene.scene);
-  check_device(s.device);
+  n.child.fill(0);
+  nodes_.push_back(n);
+  return std::int32_t(nodes_.size()) - 1;
 }
 
-BoxIndex::~BoxIndex() = default;
-BoxIndex::BoxIndex(BoxIndex&&) noexcept = default;
-BoxIndex& BoxIndex::operator=(BoxIndex&&) noexcept = default;
-
-void BoxIndex::query(const Vec3f& p, Visitor visitor, const void* user) const {
-  if (impl_->entries.empty()) return;
-  if (!(std::max({std::abs(p.x), std::abs(p.y), std::abs(p.z)}) <= kLargest)) {
-    for (const Impl::Entry& e : impl_->entries) {
-      if (holds(e.box, p)) visitor(user, e.index);
-    }
+/// Makes `slot` of a node what holds `entries`, at least one.
+void BoxIndex::fill(std::int32_t node, int slot, std::span<Entry> entries, std::span<const Bounds3f> boxes) {
+  Bounds3f all, centers;
+  for (const Entry& e : entries) all.extend(boxes[e.index]), centers.extend(e.center);
+  for (int a = 0; a < 3; ++a) nodes_[node].lo[a][slot] = all.lo[a], nodes_[node].hi[a][slot] = all.hi[a];
+  if (entries.size() == 1) {
+    nodes_[node].child[slot] = ~entries[0].index;
     return;
   }
-  struct Visit {
-    const Impl& index;
-    const Vec3f& p;
-    Visitor visitor;
-    const void* user;
-  } visit{*impl_, p, visitor, user};
-  RTCPointQuery query{p.x, p.y, p.z, 0, 0};
-  RTCPointQueryContext context;
-  rtcInitPointQueryContext(&context);
-  rtcPointQuery(
-      impl_->scene.scene, &query, &context,
-      [](RTCPointQueryFunctionArguments* args) {
-        const Visit& v = *static_cast<const Visit*>(args->userPtr);
-        const Impl::Entry& e = v.index.entries[args->primID];
-        if (holds(e.box, v.p)) v.visitor(v.user, e.index);
-        return false;  // the radius stays
-      },
-      &visit);
+  const std::int32_t inner = add_node();
+  nodes_[node].child[slot] = inner;
+  // Parts of full nodes: each but the last holds a power of eight.
+  std::size_t part = 1;
+  while (part * kWidth < entries.size()) part *= kWidth;
+  // Halves by the longest side, as long as there is more than one part.
+  int next = 0;
+  const auto divide = [&](auto&& self, std::span<Entry> range) -> void {
+    if (range.size() <= part) {
+      fill(inner, next++, range, boxes);
+      return;
+    }
+    Bounds3f around;
+    for (const Entry& e : range) around.extend(e.center);
+    const Vec3f size = around.hi - around.lo;
+    const int axis = size.x >= size.y && size.x >= size.z ? 0 : size.y >= size.z ? 1 : 2;
+    const std::size_t parts = (range.size() + part - 1) / part, middle = (parts / 2) * part;
+    std::nth_element(range.begin(), range.begin() + std::ptrdiff_t(middle), range.end(),
+                     [&](const Entry& a, const Entry& b) {
+                       return a.center[axis] != b.center[axis] ? a.center[axis] < b.center[axis] : a.index < b.index;
+                     });
+    self(self, range.first(middle));
+    self(self, range.subspan(middle));
+  };
+  divide(divide, entries);
+}
+
+BoxIndex::BoxIndex(std::span<const Bounds3f> boxes) {
+  TEMPERA_ASSERT(boxes.size() < (std::size_t(1) << 31));
+  std::vector<Entry> entries;
+  for (std::size_t i = 0; i < boxes.size(); ++i) {
+    const Bounds3f& b = boxes[i];
+    if (!(b.lo.x <= b.hi.x && b.lo.y <= b.hi.y && b.lo.z <= b.hi.z)) continue;
+    constexpr float kFar = 1e30f;
+    const auto middle = [&](float lo, float hi) { return 0.5f * std::clamp(lo, -kFar, kFar) + 0.5f * std::clamp(hi, -kFar, kFar); };
+    entries.push_back({{middle(b.lo.x, b.hi.x), middle(b.lo.y, b.hi.y), middle(b.lo.z, b.hi.z)}, std::int32_t(i)});
+  }
+  if (entries.empty()) return;
+  std::stable_sort(entries.begin(), entries.end(), [&](const Entry& a, const Entry& b) {
+    return size_class(boxes[a.index]) < size_class(boxes[b.index]);
+  });
+  // The roots of all sizes, in nodes of their own.
+  std::int32_t roots = add_node();
+  int slot = 0;
+  for (auto first = entries.begin(); first != entries.end();) {
+    const int size = size_class(boxes[first->index]);
+    const auto last = std::find_if(first, entries.end(), [&](const Entry& e) { return size_class(boxes[e.index]) != size; });
+    if (slot == kWidth - 1 && last != entries.end()) {
+      const std::int32_t more = add_node();
+      for (int a = 0; a < 3; ++a) nodes_[roots].lo[a][slot] = -kInfinity, nodes_[roots].hi[a][slot] = kInfinity;
+      nodes_[roots].child[slot] = more;
+      roots = more, slot = 0;
+    }
+    fill(roots, slot++, {first, last}, boxes);
+    first = last;
+  }
 }
 
 }  // namespace tempera

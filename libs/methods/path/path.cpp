@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// Path tracing with next-event estimation and multiple importance sampling.
+// Path tracing with next-event estimation and multiple importance sampling; caustics by it too, or by photons whose
+// footprints move [Schjoth 2010].
+#include "photons/photon_pass.h"
 #include "tempera/methods/method.h"
 #include "tempera/methods/motion_layers.h"
 #include "tempera/transport/path_tracer.h"
@@ -9,7 +11,10 @@ namespace tempera {
 
 namespace {
 
-const std::vector<ParamSpec>& params() {
+/// Who finds caustics, and how photons move.
+enum class Caustics : std::uint8_t { kPaths, kPhotons, kStillPhotons };
+
+const std::vector<ParamSpec>& path_params() {
   static const std::vector<ParamSpec> specs = [] {
     std::vector<ParamSpec> s = PathOptions::params();
     s.push_back({"clamp", 0.0,
@@ -27,31 +32,67 @@ const std::vector<ParamSpec>& params() {
   return specs;
 }
 
+/// With those of photons; `choice`: with the one that says whether there are any.
+std::vector<ParamSpec> with_photons(bool choice) {
+  std::vector<ParamSpec> s = path_params();
+  if (choice) {
+    s.push_back({"caustics", std::string("paths"), "who finds light that mirrors and glass focus on diffuse surfaces",
+                 -1e300, 1e300, {"paths", "photons"}});
+  }
+  for (const ParamSpec& p : PhotonOptions::params()) s.push_back(p);
+  return s;
+}
+
 class PathMethod final : public Method {
  public:
-  explicit PathMethod(const Params& p)
+  PathMethod(const Params& p, Caustics caustics)
       : options_(p),
         feature_samples_(p.get_int("feature_samples")),
         adaptive_error_(float(p.get_double("adaptive_error"))),
         adaptive_min_spp_(p.get_int("adaptive_min_spp")) {
     options_.clamp = float(p.get_double("clamp"));
+    if (caustics == Caustics::kPaths) return;
+    PhotonOptions photons(p);
+    photons.temporal = caustics == Caustics::kPhotons;
+    photons_.emplace(photons, options_.max_depth);
   }
 
   std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
     return film_outputs(settings, "path");
   }
 
-  std::vector<PassDesc> passes(const RenderSettings& /*settings*/, FrameRange /*section*/) const override {
-    return {{.name = "samples"}};
-  }
-  bool renders_single_pixels() const override { return adaptive_error_ == 0; }
-  void begin_pass(const SceneWindow& window, SectionState* /*state*/, int /*pass*/,
-                  std::span<const Image> /*reads*/) const override {
-    prepare_motion_layers(window);
+  std::vector<std::string> own_classes() const override {
+    return photons_ ? std::vector<std::string>{kPhotonPaths} : std::vector<std::string>{};
   }
 
-  void run(const SceneWindow& window, SectionState* /*state*/, const Unit& unit, UnitOutput& out,
-           RenderCounters& counters, std::stop_token stop) const override {
+  std::vector<PassDesc> passes(const RenderSettings& settings, FrameRange /*section*/) const override {
+    if (!photons_) return {{.name = "samples"}};
+    return {photons_->desc(settings), {.name = "samples", .waits = true}};
+  }
+  std::unique_ptr<SectionState> begin(const SceneWindow& /*window*/) const override {
+    return photons_ ? std::make_unique<PhotonState>() : nullptr;
+  }
+  bool renders_single_pixels() const override { return adaptive_error_ == 0; }
+  void begin_pass(const SceneWindow& window, SectionState* state, int pass,
+                  std::span<const Image> /*reads*/) const override {
+    if (traces_photons(pass)) {
+      photons_->begin(window, photon_state(state));
+      return;
+    }
+    if (photons_) photons_->begin_gather(window, photon_state(state), int(window.settings().classes.size()));
+    prepare_motion_layers(window);
+  }
+  void end_pass(const SceneWindow& window, SectionState* state, int pass, const PassResult& result) const override {
+    if (traces_photons(pass)) photons_->end(window, photon_state(state), result);
+  }
+
+  void run(const SceneWindow& window, SectionState* state, const Unit& unit, UnitOutput& out, RenderCounters& counters,
+           std::stop_token stop) const override {
+    if (traces_photons(unit.pass)) {
+      photons_->run(window, photon_state(state), unit.number, out, counters, stop);
+      return;
+    }
+    const GatheredLight* gathered = photons_ ? photon_state(state).light() : nullptr;
     const FrameContext& context = window.frame(unit.frame);
     const Tile& tile = unit.tile;
     TileFilm film(context, tile, out.picture());
@@ -60,7 +101,7 @@ class PathMethod final : public Method {
       const CameraSample camera = camera_sample(context, x, y, index);
       NoObserver none;
       const SampleResult r = trace_path(context.at(camera.time), options_, camera, film.sample_classes(),
-                                        film.features(), none, film.chains());
+                                        film.features(), none, film.chains(), gathered);
       ++samples;
       rays += r.rays;
       shadow_rays += r.shadow_rays;
@@ -85,6 +126,9 @@ class PathMethod final : public Method {
   }
 
  private:
+  bool traces_photons(int pass) const { return photons_ && pass == 0; }
+  static PhotonState& photon_state(SectionState* state) { return *static_cast<PhotonState*>(state); }
+
   /// Returns false if it was stopped.
   bool sample_features(const FrameContext& context, const Tile& tile, const UnitOutput& out, TileFilm& film,
                        std::uint64_t& rays, const std::stop_token& stop) const {
@@ -150,16 +194,43 @@ class PathMethod final : public Method {
   }
 
   PathOptions options_;
+  std::optional<PhotonPass> photons_;
   int feature_samples_;
   float adaptive_error_;
   int adaptive_min_spp_;
 };
+
+template <Caustics caustics>
+std::unique_ptr<Method> make(const Params& p) {
+  return std::make_unique<PathMethod>(p, caustics);
+}
+
+const std::vector<ParamSpec>& photon_params() {
+  static const std::vector<ParamSpec> specs = with_photons(false);
+  return specs;
+}
+const std::vector<ParamSpec>& params() {
+  static const std::vector<ParamSpec> specs = with_photons(true);
+  return specs;
+}
 
 }  // namespace
 
 extern const MethodEntry path_entry;
 const MethodEntry path_entry{
     "path", "Path tracing with next-event estimation and multiple importance sampling", params(),
-    [](const Params& p) -> std::unique_ptr<Method> { return std::make_unique<PathMethod>(p); }};
+    [](const Params& p) -> std::unique_ptr<Method> {
+      return std::make_unique<PathMethod>(p, p.get_string("caustics") == "photons" ? Caustics::kPhotons : Caustics::kPaths);
+    }};
+
+extern const MethodEntry temporal_photon_entry;
+const MethodEntry temporal_photon_entry{
+    "temporal_photon", "Path tracing with caustics by temporal photon differentials: photons whose footprints move",
+    photon_params(), make<Caustics::kPhotons>};
+
+extern const MethodEntry photon_differentials_entry;
+const MethodEntry photon_differentials_entry{
+    "photon_differentials", "The same with photons that stand still in the middle of the exposure, to compare with",
+    photon_params(), make<Caustics::kStillPhotons>};
 
 }  // namespace tempera

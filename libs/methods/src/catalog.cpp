@@ -10,6 +10,8 @@ namespace tempera {
 extern const MethodEntry path_entry;
 extern const MethodEntry gradient_path_entry;
 extern const MethodEntry temporal_gradient_path_entry;
+extern const MethodEntry photon_differentials_entry;
+extern const MethodEntry temporal_photon_entry;
 extern const MethodEntry light_path_entry;
 
 std::span<const MethodEntry* const> method_catalog() {
@@ -17,6 +19,8 @@ std::span<const MethodEntry* const> method_catalog() {
       &path_entry,
       &gradient_path_entry,
       &temporal_gradient_path_entry,
+      &photon_differentials_entry,
+      &temporal_photon_entry,
       &light_path_entry,
   };
   return entries;

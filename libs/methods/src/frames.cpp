@@ -20,4 +20,11 @@ Frame make_frame(const Method& method, const RenderSettings& settings, const Sce
   return frame;
 }
 
+std::vector<std::string> path_expressions(const Method& method, const RenderSettings& settings) {
+  std::vector<std::string> out;
+  for (const PathClass& c : settings.classes) out.push_back(c.expression);
+  for (std::string& e : method.own_classes()) out.push_back(std::move(e));
+  return out;
+}
+
 }  // namespace tempera

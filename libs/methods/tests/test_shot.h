@@ -78,9 +78,7 @@ struct TestShot {
   Frame render(const Method& method, const RenderSettings& scaled, GeometryCache& cache, int frame,
                std::vector<PassDesc> passes) const {
     const bool whole = passes.size() == method.passes(scaled, {frame, frame}).size();
-    std::vector<std::string> expressions;
-    for (const PathClass& c : settings.classes) expressions.push_back(c.expression);
-    const LightPathClassifier classifier(expressions);
+    const LightPathClassifier classifier(path_expressions(method, settings));
     SceneWindow window(scene, scaled, classifier, 1.0 / 16, cache, {frame, frame});
     Section section(method, scaled, scene, {frame, frame}, {frame}, std::move(passes), tile);
     SectionHooks hooks;

@@ -124,6 +124,25 @@ std::string LightAim::light_name(const LightSampler& lights, std::uint32_t light
   return s.environments[light - s.first_environment()].environment->name;
 }
 
+bool LightAim::is_concentrated(const LightSampler& lights, std::uint32_t light) {
+  const LightSampler::Impl& s = *lights.impl_;
+  if (light < s.first_environment()) return true;
+  const Environment& e = *s.environments[light - s.first_environment()].environment;
+  if (e.image.empty()) return false;
+  double sum = 0, bright = 0, weight = 0;
+  const auto visit = [&](auto&& f) {
+    for (int y = 0; y < e.height; ++y) {
+      const double row = std::sin(kPiD * (y + 0.5) / e.height);  // by solid angle
+      for (int x = 0; x < e.width; ++x)
+        f(row, double(luminance(e.image[std::size_t(y) * std::size_t(e.width) + std::size_t(x)])));
+    }
+  };
+  visit([&](double row, double l) { sum += row * l, weight += row; });
+  const double limit = 16 * sum / weight;
+  visit([&](double row, double l) { bright += l > limit ? row * l : 0; });
+  return bright > 0.25 * sum;
+}
+
 std::optional<AimedLight> LightAim::emit(int part, std::span<const double> shares, float choice, const Vec2f& position,
                                          const Vec2f& direction) const {
   const LightSampler::Impl& s = *lights_.impl_;

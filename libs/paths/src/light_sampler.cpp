@@ -436,15 +436,28 @@ float LightSampler::pdf(const SurfacePoint& point, const ShadingPoint& s, const 
 }
 
 Rgb LightSampler::environment(const Vec3f& d, double t, bool from_camera) const {
+  return environment(d, t, from_camera, {});
+}
+
+Rgb LightSampler::environment(const Vec3f& d, double t, bool from_camera, std::span<const char> lights) const {
+  const auto wanted = [&](std::size_t light) { return lights.empty() || lights[light]; };
   Rgb sum;
-  for (const EnvironmentMap& e : impl_->environments) {
+  for (std::size_t i = 0; i < impl_->environments.size(); ++i) {
+    const EnvironmentMap& e = impl_->environments[i];
+    if (!wanted(impl_->first_environment() + i)) continue;
     if (!from_camera || e.environment->camera_visible) sum += impl_->radiance(e, impl_->map_point(e, d, t), t);
   }
   for (const Impl::Sun& sun : impl_->suns) {
+    if (!wanted(impl_->areas.size() + sun.light)) continue;
     const bool seen = !from_camera || impl_->scene->lights[sun.light].camera_visible;
     if (seen && impl_->contains(sun, d, t)) sum += impl_->radiance(sun, t);
   }
   return sum;
+}
+
+std::uint32_t LightSampler::light_of(const SurfacePoint& point) const {
+  const auto it = impl_->area_index.find((std::uint64_t(point.instance) << 32) | point.shape);
+  return it == impl_->area_index.end() ? 0 : it->second;
 }
 
 float LightSampler::environment_pdf(const Vec3f& d, double t, const Vec3f& from) const {

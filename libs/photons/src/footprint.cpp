@@ -144,6 +144,7 @@ float instant_density(const Footprint& f, SpatialKernel kernel, const Vec3f& off
 float swept_density(const Footprint& f, const KernelSettings& k, const Vec3f& offset, float rate) {
   const float begin = float(k.begin), end = float(k.end), span = end - begin;
   const Vec2f z0 = f.to_filter(offset);
+  if (f.w.x == 0 && f.w.y == 0 && rate == 0) return spatial_kernel(k.kernel, dot(z0, z0)) * f.inverse_area;
   const float speed = length(f.w), sweep = speed * span;
   const float far = std::max(std::abs(begin), std::abs(end));
   const auto weight = [&](float sigma) {

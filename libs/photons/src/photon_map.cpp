@@ -2,6 +2,9 @@
 #include "tempera/photons/photon_map.h"
 
 #include <algorithm>
+#include <array>
+
+#include "tempera/core/random.h"
 
 namespace tempera {
 
@@ -10,10 +13,20 @@ namespace {
 /// How far apart the normals of a photon and of a surface may be.
 constexpr float kLeastNormalCosine = 0.7f;
 
-/// How far from its plane a photon counts: on curved surfaces footprints stand off.
-float thickness_of(const Footprint& f) {
-  const FootprintAxes h = f.half_axes();
-  return std::max(length(h.a), length(h.b));
+/// Place of a point on a curve that fills a box: 21 bits of each coordinate, interleaved.
+std::uint64_t morton(const Vec3f& p, const Bounds3f& box) {
+  const float size = std::max({box.hi.x - box.lo.x, box.hi.y - box.lo.y, box.hi.z - box.lo.z, 1e-30f});
+  std::uint64_t code = 0;
+  for (int a = 0; a < 3; ++a) {
+    auto x = std::uint64_t(std::clamp((p[a] - box.lo[a]) / size, 0.0f, 1.0f) * 0x1fffff);
+    x = (x | x << 32) & 0x1f00000000ffffull;
+    x = (x | x << 16) & 0x1f0000ff0000ffull;
+    x = (x | x << 8) & 0x100f00f00f00f00full;
+    x = (x | x << 4) & 0x10c30c30c30c30c3ull;
+    x = (x | x << 2) & 0x1249249249249249ull;
+    code |= x << a;
+  }
+  return code;
 }
 
 LightPathClassifier::State next(const LightPathClassifier& c, LightPathClassifier::State s, PhotonEvents::Kind k) {
@@ -35,8 +48,21 @@ PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, co
       kernel_(tracer.kernel()),
       instant_(tracer.instant()),
       always_instant_(always_instant),
+      lights_(tracer.lights().begin(), tracer.lights().end()),
       rays_(rays) {
-  std::stable_sort(photons_.begin(), photons_.end(), [](const Photon& a, const Photon& b) { return a.half < b.half; });
+  // Neighbours stand together: what a point needs is then found in few places of memory.
+  Bounds3f around;
+  for (const Photon& p : photons_) around.extend(p.footprint.center);
+  std::vector<std::pair<std::uint64_t, std::uint32_t>> order(photons_.size());
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const std::uint64_t place = morton(photons_[i].footprint.center, around);
+    order[i] = {std::uint64_t(photons_[i].half) << 63 | place, std::uint32_t(i)};
+  }
+  std::sort(order.begin(), order.end());
+  std::vector<Photon> sorted;
+  sorted.reserve(photons_.size());
+  for (const auto& o : order) sorted.push_back(photons_[o.second]);
+  photons_ = std::move(sorted);
   std::map<std::uint64_t, std::uint32_t> suffixes;
   for (Photon& p : photons_) {
     const auto [it, added] = suffixes.try_emplace(p.events.code(), std::uint32_t(ends_.size()));
@@ -55,7 +81,7 @@ PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, co
     const auto to = std::find_if(from, photons_.end(), [&](const Photon& p) { return p.half != half; });
     boxes.clear();
     for (auto p = from; p != to; ++p)
-      boxes.push_back(footprint_bounds(p->footprint, kernel_, p->n.unpack(), thickness_of(p->footprint)));
+      boxes.push_back(footprint_bounds(p->footprint, kernel_, p->n, p->thickness));
     first_of_half_.push_back(std::uint32_t(from - photons_.begin()));
     index_.emplace_back(boxes);
     from = to;
@@ -69,45 +95,70 @@ PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, co
 }
 
 std::uint64_t PhotonMap::memory() const {
-  return photons_.capacity() * sizeof(Photon) + photons_.size() * sizeof(Bounds3f);
-}
-
-void PhotonMap::add(const Photon& p, const Vec3f& position, const Vec3f& ng, bool moving, std::uint32_t instance,
-                    double t, float scale, std::vector<GatheredLight::Arrival>& out) const {
-  if ((moving || p.moving) && p.instance != instance) return;
-  const Vec3f n = p.n.unpack(), offset = position - p.footprint.center;
-  if (std::abs(dot(n, offset)) > thickness_of(p.footprint) || std::abs(dot(n, ng)) < kLeastNormalCosine) return;
-  const float density = always_instant_ || moving
-                            ? instant_density(p.footprint, kernel_.kernel, offset,
-                                              kernel_.begin < kernel_.end ? float(t - instant_) : 0.0f, p.rate)
-                            : swept_density(p.footprint, kernel_, offset, p.rate);
-  if (!(density > 0)) return;
-  out.push_back({p.wi.unpack(), p.flux * (density * scale), p.events.size() + 1, ends_[p.suffix]});
+  std::uint64_t bytes = photons_.capacity() * sizeof(Photon);
+  for (const BoxIndex& i : index_) bytes += i.memory();
+  return bytes;
 }
 
 void PhotonMap::gather(const Vertex& at, double t, int half, std::vector<GatheredLight::Arrival>& out) const {
   out.clear();
   const std::uint32_t instance = at.hit.point.instance;
-  const bool moving = moves_[instance];
+  const bool moving = moves_[instance], instant = always_instant_ || moving;
   Vec3f position = at.s.p, ng = at.s.ng;
   // Matter that moves is looked up where it was when the photons met it.
   if (moving) position = rays_.position(at.hit.point, instant_, &ng);
-  thread_local std::vector<std::uint32_t> found;
+  const float sigma = kernel_.begin < kernel_.end ? float(t - instant_) : 0.0f;
+  const float reach = support(kernel_.kernel);
+  // Photons from nearly the same direction arrive as one, so that the surface is asked once for all of them.
+  constexpr std::size_t kGroups = 64;
+  struct Group {
+    std::uint64_t key = 0;
+    std::size_t arrival = 0;
+  };
+  std::array<Group, kGroups> groups;
   for (int h = 0; h < 2; ++h) {
     if (half >= 0 && h != half) continue;
-    found.clear();
-    index_[h].visit(position, [&](std::size_t i) { found.push_back(first_of_half_[h] + std::uint32_t(i)); });
-    std::sort(found.begin(), found.end());  // sums have one order
-    for (const std::uint32_t i : found)
-      add(photons_[i], position, ng, moving, instance, t, half >= 0 ? 2.0f : 1.0f, out);
+    index_[h].visit(position, [&](std::size_t i) {
+      const Photon& p = photons_[first_of_half_[h] + i];
+      const Vec3f offset = position - p.footprint.center;
+      const Vec2f z = p.footprint.to_filter(offset);
+      if (instant) {
+        const Vec2f d = z - p.footprint.w * sigma;
+        if (dot(d, d) >= reach * reach) return;
+      }
+      if ((moving || p.moving) && p.instance != instance) return;
+      if (std::abs(dot(p.n, offset)) > p.thickness || std::abs(dot(p.n, ng)) < kLeastNormalCosine) return;
+      float density = instant ? instant_density(p.footprint, kernel_.kernel, offset, sigma, p.rate)
+                              : swept_density(p.footprint, kernel_, offset, p.rate);
+      if (!(density > 0)) return;
+      if (half >= 0) density *= 2;
+      const Rgb irradiance = p.flux * density;
+      const std::uint64_t key = p.wi.cell() | std::uint64_t(p.suffix) << 32 | std::uint64_t(1) << 63;
+      const std::size_t first = mix64(key) % kGroups;
+      for (std::size_t k = 0; k < 4; ++k) {
+        Group& g = groups[(first + k) % kGroups];
+        if (g.key == key) {
+          out[g.arrival].irradiance += irradiance;
+          return;
+        }
+        if (g.key != 0) continue;
+        g = {key, out.size()};
+        break;
+      }
+      out.push_back({p.wi.unpack(), irradiance, p.events.size() + 1, ends_[p.suffix]});
+    });
   }
+}
+
+std::size_t PhotonLight::piece_at(double time) const {
+  std::size_t piece = 0;
+  while (piece + 1 < frame_.pieces.size() && time >= frame_.pieces[piece + 1].rays.rays().begin) ++piece;
+  return piece;
 }
 
 std::span<const GatheredLight::Arrival> PhotonLight::arriving(const Vertex& at, double time, int sample) const {
   thread_local std::vector<Arrival> result;
-  std::size_t piece = 0;
-  while (piece + 1 < frame_.pieces.size() && time >= frame_.pieces[piece + 1].rays.rays().begin) ++piece;
-  maps_[piece]->gather(at, time, frame_.settings.spp > 1 ? sample & 1 : -1, result);
+  maps_[piece_at(time)]->gather(at, time, frame_.settings.spp > 1 ? sample & 1 : -1, result);
   return result;
 }
 

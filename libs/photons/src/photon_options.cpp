@@ -24,7 +24,8 @@ const std::vector<ParamSpec>& PhotonOptions::params() {
   static const std::vector<ParamSpec> specs = {
       {"photons", 0, "photons that the lights of a frame emit towards what focuses light; 0: as many as go with the samples",
        0, 1e8},
-      {"photon_lights", std::string(), "names of the lights that emit photons, separated by commas; empty: all of them"},
+      {"photon_lights", std::string(), "names of the lights that emit photons, separated by commas; empty: all lamps, and environments whose light comes from "
+       "few directions"},
       {"overlap", 0.0, "footprints of photons over a point where light is not focused; 0: by the number of photons", 0,
        1e4},
       {"kernel", std::string("epanechnikov"), "how a photon's light is spread over its footprint", -1e300, 1e300,
@@ -63,7 +64,8 @@ PhotonOptions::PhotonOptions(const Params& p)
 }
 
 double PhotonOptions::overlap_of(std::int64_t n) const {
-  return overlap > 0 ? overlap : 9 * std::sqrt(std::max(1.0, double(n) / 1000));
+  // Beyond 64 what is left of noise is below what anyone sees, and more footprints would only take time.
+  return overlap > 0 ? overlap : std::min(9 * std::sqrt(std::max(1.0, double(n) / 1000)), 64.0);
 }
 
 double PhotonOptions::instant_of(const TimeSpan& exposure) const {

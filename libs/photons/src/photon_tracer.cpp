@@ -182,11 +182,12 @@ void PhotonTracer::plan() {
   std::vector<double> weights;
   double towards_all = 0;
   for (std::uint32_t l = 0; l < count; ++l) {
-    if (!options_.lights.empty() &&
-        std::find(options_.lights.begin(), options_.lights.end(), LightAim::light_name(context_.lights, l)) ==
-            options_.lights.end()) {
-      continue;
-    }
+    const bool emits = options_.lights.empty()
+                           ? LightAim::is_concentrated(context_.lights, l)
+                           : std::find(options_.lights.begin(), options_.lights.end(),
+                                       LightAim::light_name(context_.lights, l)) != options_.lights.end();
+    lights_.push_back(emits);
+    if (!emits) continue;
     Lamp& lamp = lamps_[l];
     lamp.aim.emplace(context_.lights, l, casters_, instant_);
     const int parts = lamp.aim->parts();
@@ -295,9 +296,10 @@ void PhotonTracer::store(const Branch& b, const SurfaceFrame& f, const SurfacePo
   const double span = kernel_.end - kernel_.begin, way = length(slip) * span, limit = kMostSweep * diameter_;
   if (way > limit) slip *= limit / way, clamped = true;
   p.footprint = Footprint(Vec3f(f.p), axes, Vec3f(slip));
+  p.thickness = 0.5f * std::max(length(axes.a), length(axes.b));
   p.flux = b.flux;
   p.rate = rate;
-  p.n = PackedDirection(Vec3f(n));
+  p.n = Vec3f(n);
   p.wi = PackedDirection(Vec3f(wi));
   p.instance = point.instance;
   p.events = b.events;

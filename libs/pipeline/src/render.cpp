@@ -42,15 +42,9 @@ struct Sequence {
         scene(scene_),
         method(find_method(shot_.integrator).make(shot_.params)),
         layers(method->outputs(shot_.settings)),
-        classifier(expressions(shot_.settings)),
+        classifier(path_expressions(*method, shot_.settings)),
         width(shot_.settings.x1() - shot_.settings.x0()),
         height(shot_.settings.y1() - shot_.settings.y0()) {}
-
-  static std::vector<std::string> expressions(const RenderSettings& settings) {
-    std::vector<std::string> out;
-    for (const PathClass& c : settings.classes) out.push_back(c.expression);
-    return out;
-  }
 
   double motion_step() const { return shot.settings.clock.frame_duration() / shot.motion_segments; }
   FrameRange section(int frame) const { return method->section(shot.settings, shot.sequence, frame); }

@@ -125,6 +125,9 @@ class Method {
   /// Layers that units fill beside them for `finish`, and that no file holds.
   virtual std::vector<LayerDesc> work_layers(const RenderSettings& /*settings*/) const { return {}; }
 
+  /// Expressions of light paths that the frames' classifier has to know after those of `settings.classes`.
+  virtual std::vector<std::string> own_classes() const { return {}; }
+
   /// The frames that are rendered together with `frame`, which is one of them: a function of the shot's own sequence,
   /// never of the frames that were asked for.
   virtual FrameRange section(const RenderSettings& /*settings*/, FrameRange /*sequence*/, int frame) const {
@@ -161,6 +164,9 @@ class Method {
   /// from a sample return that if it is not finite where the radiance is.
   virtual Rgb replay(const FrameContext& context, const BadSample& sample) const = 0;
 };
+
+/// The expressions of the classifier of frames that `method` renders: the classes of `settings`, and its own.
+std::vector<std::string> path_expressions(const Method& method, const RenderSettings& settings);
 
 /// A frame with all layers of `method`, work layers too, zero, and the metadata that goes with them (cryptomatte
 /// manifest).

@@ -39,6 +39,10 @@ class LightAim {
   /// The name of the lamp, the emitting object or the environment, as in the scene.
   static std::string light_name(const LightSampler& lights, std::uint32_t light);
 
+  /// Whether light comes from few directions: every lamp, and environments that have a quarter of their light from texels
+  /// that are sixteen times as bright as the mean. Paths from the eye meet the others well through mirrors and glass.
+  static bool is_concentrated(const LightSampler& lights, std::uint32_t light);
+
   /// Parts that light is sent by: part 0 goes wherever the light shines, part k towards target k - 1.
   int parts() const { return int(targets_.size()) + 1; }
   /// Light of a part; `shares`: which fraction of all that is sent goes by each part, together 1. `choice` in [0,1),

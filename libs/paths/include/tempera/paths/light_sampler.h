@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "tempera/accel/ray_scene.h"
@@ -87,6 +88,10 @@ class LightSampler {
   Rgb environment(const Vec3f& d, double t, bool from_camera = false) const;
   /// Density with which sample() picks direction d from the environments at point `from`.
   float environment_pdf(const Vec3f& d, double t, const Vec3f& from) const;
+  /// The same of those lights alone that are set in `lights`, by the indices of LightSample::light.
+  Rgb environment(const Vec3f& d, double t, bool from_camera, std::span<const char> lights) const;
+  /// Index, as in LightSample::light, of the area light that a point lies on. Pre: its shape emits.
+  std::uint32_t light_of(const SurfacePoint& point) const;
   bool has_environment() const;
   /// Where the part of the environment that is seen in direction d at `from` stands at time `to`: the first environment
   /// that turns decides; fixed ones leave d as it is.

@@ -34,6 +34,8 @@ class PackedDirection {
     }
     return normalize(d);
   }
+  /// One of 2^12 parts of all directions, about 3 degrees wide.
+  std::uint32_t cell() const { return std::uint32_t((x_ + 32768) >> 10) << 6 | std::uint32_t((y_ + 32768) >> 10); }
 
  private:
   static constexpr float kMost = 32767;
@@ -69,7 +71,8 @@ struct Photon {
   Footprint footprint;
   Rgb flux;                ///< W
   float rate = 0;          ///< relative, of the flux, 1/s
-  PackedDirection n;       ///< geometric normal on the side where the photon arrives
+  float thickness = 0;     ///< how far from its plane it counts, m: on curved surfaces footprints stand off
+  Vec3f n;                 ///< unit geometric normal on the side where the photon arrives
   PackedDirection wi;      ///< towards where it comes from
   std::uint32_t instance = 0;
   std::uint32_t suffix = 0;  ///< which sequence of events it has: an index of the map's

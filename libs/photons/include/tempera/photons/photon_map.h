@@ -23,20 +23,21 @@ class PhotonMap {
   void gather(const Vertex& at, double t, int half, std::vector<GatheredLight::Arrival>& out) const;
 
   const std::vector<Photon>& photons() const { return photons_; }
+  /// Which lights emit photons, by the indices of LightSample::light.
+  std::span<const char> lights() const { return lights_; }
   /// Bytes that it holds.
   std::uint64_t memory() const;
 
  private:
-  void add(const Photon& p, const Vec3f& position, const Vec3f& ng, bool moving, std::uint32_t instance, double t,
-           float scale, std::vector<GatheredLight::Arrival>& out) const;
   std::vector<Photon> photons_;
-  std::vector<std::uint32_t> first_of_half_;              // photons_ is ordered by half
+  std::vector<std::uint32_t> first_of_half_;              // photons_ is ordered by half, then by place
   std::vector<BoxIndex> index_;                           // by half
   std::vector<std::vector<LightPathClassifier::State>> ends_;  // by suffix
   KernelSettings kernel_;
   double instant_;
   bool always_instant_;
   std::vector<char> moves_;
+  std::vector<char> lights_;
   const RayScene& rays_;
 };
 
@@ -49,9 +50,11 @@ class PhotonLight final : public GatheredLight {
   const PhotonMap& map(std::size_t piece) const { return *maps_[piece]; }
 
   std::uint32_t classes() const override { return classes_; }
+  std::span<const char> lights(double time) const override { return maps_[piece_at(time)]->lights(); }
   std::span<const Arrival> arriving(const Vertex& at, double time, int sample) const override;
 
  private:
+  std::size_t piece_at(double time) const;
   const FrameContext& frame_;
   std::uint32_t classes_;
   std::vector<std::unique_ptr<PhotonMap>> maps_;

@@ -20,7 +20,7 @@ enum class PhotonGauge : std::uint8_t {
 
 struct PhotonOptions {
   std::int64_t photons = 0;           ///< emitted for a frame; 0: as many as go with the samples of the picture
-  std::vector<std::string> lights{};  ///< names of the lights that emit; empty: all
+  std::vector<std::string> lights{};  ///< names of the lights that emit; empty: those that are concentrated (LightAim)
   double overlap = 0;                 ///< footprints over a point where light is not focused; 0: by the number of photons
   SpatialKernel kernel = SpatialKernel::kEpanechnikov;
   Sweep sweep = Sweep::kLine;

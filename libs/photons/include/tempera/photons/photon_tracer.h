@@ -43,6 +43,8 @@ class PhotonTracer {
   /// When the shutter is open since the instant, and how footprints are spread.
   const KernelSettings& kernel() const { return kernel_; }
   std::int64_t photons() const { return photons_; }
+  /// Which lights emit them, by the indices of LightSample::light.
+  std::span<const char> lights() const { return lights_; }
 
   /// Traces photon `index` of photons() and appends what is stored of it.
   void trace(std::int64_t index, std::vector<Photon>& out, PhotonCounts& counts, std::uint64_t& rays) const;
@@ -75,6 +77,7 @@ class PhotonTracer {
   int max_depth_;
   std::vector<Bounds3f> casters_;
   std::vector<Lamp> lamps_;
+  std::vector<char> lights_;
   std::vector<Share> shares_;
   std::vector<char> moves_;  // by instance
   double diameter_ = 0;

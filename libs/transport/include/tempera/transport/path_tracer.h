@@ -197,6 +197,8 @@ class GatheredLight {
   virtual ~GatheredLight() = default;
   /// Bits of the classifier's classes, those of the paths that it stands for.
   virtual std::uint32_t classes() const = 0;
+  /// From which lights, by their index (LightSample::light): it stands for those alone.
+  virtual std::span<const char> lights(double time) const = 0;
   /// What arrives at a vertex that scatters by D, as the sample of that number of a pixel sees it. The span is valid
   /// until the same thread asks again. Threads: re-entrant.
   virtual std::span<const Arrival> arriving(const Vertex& at, double time, int sample) const = 0;
@@ -208,23 +210,24 @@ struct Tally {
   std::span<Rgb> classes;
   Rgb total;
   float clamp = 0;
-  std::uint32_t without = 0;  ///< classes of paths that are left out
-  /// Light that arrives along a path; `scattered`: whether surfaces lie between, else it is not clamped.
-  void add(const WeightedStates& states, Rgb c, bool scattered) {
+  std::uint32_t without = 0;  ///< classes of paths that are left out, of the lights that `owned` is for
+  /// Light that arrives along a path; `scattered`: whether surfaces lie between, else it is not clamped. `owned`: which
+  /// part of it comes from lights whose paths may be left out.
+  void add(const WeightedStates& states, Rgb c, bool scattered, const Rgb& owned = {}) {
     if (scattered) limit(c);
-    if (without) {
-      total += states.add_to(classifier, c, classes, without);
-      return;
+    if (without && !is_black(owned)) {
+      total += states.add_to(classifier, c * owned, classes, without);
+      c *= Rgb(1.0f) - owned;
     }
     total += c;
     if (!classes.empty()) states.add_to(classifier, c, classes);
   }
   /// Light that the last vertex scatters towards the eye; `f` by event.
-  void add(const WeightedStates& states, Rgb c, const std::array<Rgb, kEventCount>& f) {
+  void add(const WeightedStates& states, Rgb c, const std::array<Rgb, kEventCount>& f, const Rgb& owned = {}) {
     limit(c);
-    if (without) {
-      total += states.add_to(classifier, c, f, classes, without);
-      return;
+    if (without && !is_black(owned)) {
+      total += states.add_to(classifier, c * owned, f, classes, without);
+      c *= Rgb(1.0f) - owned;
     }
     total += c;
     if (!classes.empty()) states.add_to(classifier, c, f, classes);
@@ -251,6 +254,14 @@ struct Tally {
     if (l > clamp) c *= clamp / l;
   }
 };
+
+/// Part of the light from infinity along `d` that comes from `lights`.
+inline Rgb owned_part(const LightSampler& sampler, const Vec3f& d, double time, bool from_camera,
+                      std::span<const char> lights, const Rgb& all) {
+  const Rgb owned = sampler.environment(d, time, from_camera, lights);
+  const auto part = [](float a, float b) { return b > 0 ? std::min(a / b, 1.0f) : 0.0f; };
+  return {part(owned.r, all.r), part(owned.g, all.g), part(owned.b, all.b)};
+}
 
 /// The edge that a path has just been extended by, for observers.
 struct Extension {
@@ -289,6 +300,8 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
   SampleResult result;
   Tally tally{classifier, classes, {}, options.clamp, gathered_light ? gathered_light->classes() : 0};
   const bool by_class = !classes.empty() || gathered_light;
+  const std::span<const char> owned_lights = gathered_light ? gathered_light->lights(camera.time) : std::span<const char>{};
+  const auto owned = [&](std::uint32_t light) { return Rgb(owned_lights[light] ? 1.0f : 0.0f); };
 
   const double time = camera.time;
   Ray ray{camera.ray.o, camera.ray.d, camera.ray.tmin, camera.ray.tmax, time};
@@ -339,7 +352,8 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
         le = lights.environment(ray.d, time, seen_by_camera);
         if (!is_black(le)) {
           if (mis) light_pdf = lights.environment_pdf(ray.d, time, previous);
-          tally.add(states, beta * le * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1);
+          tally.add(states, beta * le * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1,
+                    gathered_light ? owned_part(lights, ray.d, time, seen_by_camera, owned_lights, le) : Rgb{});
         }
       }
       observe(index, nullptr, le, light_pdf, pass_probability);
@@ -356,7 +370,8 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
         light_pdf = lights.pdf(v.hit.point, v.s, previous, length(v.s.p - previous));
       }
       if (!is_black(emitted)) {
-        tally.add(states, beta * emitted * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1);
+        tally.add(states, beta * emitted * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1,
+                  gathered_light ? owned(lights.light_of(v.hit.point)) : Rgb{});
       }
     }
 
@@ -392,7 +407,11 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
           if (visible > 0 && carries) {
             const float w = light->delta ? 1.0f : power_heuristic(light->pdf, f.pdf);
             const Rgb le = beta * light->radiance * (visible * w / light->pdf);
-            tally.add(states, le * f_sum, f.f_cos);
+            const Rgb part = !gathered_light ? Rgb{}
+                             : std::isfinite(light->distance) || light->delta
+                                 ? owned(light->light)
+                                 : owned_part(lights, light->wi, time, false, owned_lights, light->radiance);
+            tally.add(states, le * f_sum, f.f_cos, part);
           }
           observer.next_event(v, *light, f, visible);
         }
