@@ -27,7 +27,7 @@ std::int64_t PhotonPass::photons(const RenderSettings& s) const {
   if (options_.photons > 0) return options_.photons;
   // About a tenth of the time of the samples of the whole picture.
   const double samples = double(s.width) * double(s.height) * double(s.spp);
-  return std::int64_t(std::clamp(samples / 8, 20000.0, 2e6));
+  return std::int64_t(std::clamp(samples / 16, 20000.0, 2e6));
 }
 
 PassDesc PhotonPass::desc(const RenderSettings& settings) const {

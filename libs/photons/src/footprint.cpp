@@ -28,25 +28,25 @@ float line_integral(SpatialKernel kernel) {
   return 0;
 }
 
-/// Integral of K(rho^2 + x^2) from x = a to b within the support, rho^2 = c0 - c^2.
-float chord(SpatialKernel kernel, float rho2, float a, float b) {
-  const float c2 = (kernel == SpatialKernel::kGaussian ? kGaussianReach : 1) - rho2;
-  if (!(c2 > 0)) return 0;
-  const float c = std::sqrt(c2);
+/// Integral of K(rho^2 + x^2) (1 + slope x) over the part of [a, b] within the support, whose half length is c.
+float chord(SpatialKernel kernel, float rho2, float c2, float c, float a, float b, float constant, float slope) {
   a = std::max(a, -c), b = std::min(b, c);
   if (!(a < b)) return 0;
   const auto primitive = [&](float x) {
     const float x2 = x * x;
     switch (kernel) {
       case SpatialKernel::kUniform:
-        return x;
+        return x * (constant + 0.5f * slope * x);
       case SpatialKernel::kEpanechnikov:
-        return 2 * x * (c2 - x2 * (1.0f / 3));
-      case SpatialKernel::kBiweight:
-        return 3 * x * (c2 * c2 - x2 * (c2 * (2.0f / 3) - x2 * 0.2f));
+        return x * (2 * constant * (c2 - x2 * (1.0f / 3)) + slope * x * (c2 - 0.5f * x2));
+      case SpatialKernel::kBiweight: {
+        const float left = c2 - x2;
+        return 3 * constant * x * (c2 * c2 - x2 * (c2 * (2.0f / 3) - x2 * 0.2f)) - 0.5f * slope * left * left * left;
+      }
       case SpatialKernel::kGaussian: {
         constexpr float kRoot3 = 1.7320508f;
-        return 3 / kGaussianWithin * std::exp(-3 * rho2) * (0.8862269f / kRoot3) * std::erf(kRoot3 * x);
+        return std::exp(-3 * rho2) / kGaussianWithin *
+               (constant * (3 * 0.8862269f / kRoot3) * std::erf(kRoot3 * x) - 0.5f * slope * std::exp(-3 * x2));
       }
     }
     return 0.0f;
@@ -126,6 +126,8 @@ Footprint::Footprint(const Vec3f& p, const FootprintAxes& axes, const Vec3f& vel
   m1 = axes.a * (2 / aa);
   m2 = axes.b * (2 / bb);
   w = to_filter(velocity);
+  const float speed = length(w);
+  slowness = speed > 0 ? 1 / speed : 0.0f;
   inverse_area = 4 / (kPi * std::sqrt(aa * bb));
 }
 
@@ -144,33 +146,34 @@ float instant_density(const Footprint& f, SpatialKernel kernel, const Vec3f& off
 float swept_density(const Footprint& f, const KernelSettings& k, const Vec3f& offset, float rate) {
   const float begin = float(k.begin), end = float(k.end), span = end - begin;
   const Vec2f z0 = f.to_filter(offset);
-  if (f.w.x == 0 && f.w.y == 0 && rate == 0) return spatial_kernel(k.kernel, dot(z0, z0)) * f.inverse_area;
-  const float speed = length(f.w), sweep = speed * span;
-  const float far = std::max(std::abs(begin), std::abs(end));
-  const auto weight = [&](float sigma) {
-    return flux_factor(rate, sigma) * time_weight(k.filter, k.kernel, std::min(std::abs(sigma) / far, 1.0f));
-  };
-  if (!(sweep > kLeastSweep)) {
+  const float reach2 = sqr(support(k.kernel)), y0 = dot(z0, z0);
+  if (f.slowness == 0 || !(span > kLeastSweep * f.slowness)) {
     const float middle = 0.5f * (begin + end);
     const Vec2f z = z0 - f.w * middle;
     return spatial_kernel(k.kernel, dot(z, z)) * f.inverse_area * flux_factor(rate, middle);
   }
-  const bool even = k.filter == TimeFilter::kBox && rate == 0;
+  const Vec2f e = f.w * f.slowness;
+  const float along = dot(z0, e), rho2 = std::max(y0 - along * along, 0.0f), c2 = reach2 - rho2;
+  if (k.sweep != Sweep::kPublished && !(c2 > 0)) return 0;  // beside its way
+  const float speed = dot(f.w, e), far = std::max(std::abs(begin), std::abs(end));
+  const auto weight = [&](float sigma) {
+    return flux_factor(rate, sigma) * time_weight(k.filter, k.kernel, std::min(std::abs(sigma) / far, 1.0f));
+  };
   if (k.sweep == Sweep::kLine) {
     // [Schjoth 2010, Eq. 8] with its kernel at every instant instead of the nearest one.
-    const Vec2f e = f.w * (1 / speed);
-    const float along = dot(z0, e), rho2 = std::max(dot(z0, z0) - along * along, 0.0f);
-    const float a = begin * speed - along, b = end * speed - along;
-    if (even) return chord(k.kernel, rho2, a, b) * (f.inverse_area / sweep);
-    const float c2 = sqr(support(k.kernel)) - rho2;
-    if (!(c2 > 0)) return 0;
-    const float c = std::sqrt(c2), lo = std::max(a, -c), hi = std::min(b, c);
+    const float a = begin * speed - along, b = end * speed - along, c = std::sqrt(c2);
+    const float scale = f.inverse_area * f.slowness / span;
+    if (k.filter == TimeFilter::kBox && 1 + rate * begin >= 0 && 1 + rate * end >= 0) {
+      const float slope = rate * f.slowness;
+      return chord(k.kernel, rho2, c2, c, a, b, 1 + slope * along, slope) * scale;
+    }
+    const float lo = std::max(a, -c), hi = std::min(b, c);
     if (!(lo < hi)) return 0;
-    const float sum = gauss_legendre(lo, hi, [&](float xi) {
-      return spatial_kernel(k.kernel, rho2 + xi * xi) * weight((xi + along) / speed);
-    });
-    return sum * (f.inverse_area / sweep);
+    return scale * gauss_legendre(lo, hi, [&](float xi) {
+             return spatial_kernel(k.kernel, rho2 + xi * xi) * weight((xi + along) * f.slowness);
+           });
   }
+  const float sweep = speed * span;
   const float area = 1 / f.inverse_area;
   if (k.sweep == Sweep::kClamped) {
     const float sigma = std::clamp(dot(z0, f.w) / (speed * speed), begin, end);

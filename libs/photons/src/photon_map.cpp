@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <map>
 
 #include "tempera/core/random.h"
 
@@ -42,50 +43,67 @@ LightPathClassifier::State next(const LightPathClassifier& c, LightPathClassifie
 
 }  // namespace
 
+PhotonMap::Set PhotonMap::make_set(std::vector<Photon> photons) const {
+  // Neighbours stand together: what a point needs is then found in few places of memory.
+  Bounds3f around;
+  for (const Photon& p : photons) around.extend(p.footprint.center);
+  std::vector<std::pair<std::uint64_t, std::uint32_t>> order(photons.size());
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const std::uint64_t place = morton(photons[i].footprint.center, around);
+    order[i] = {std::uint64_t(photons[i].half) << 63 | place, std::uint32_t(i)};
+  }
+  std::sort(order.begin(), order.end());
+  Set set;
+  set.photons.reserve(photons.size());
+  for (const auto& o : order) set.photons.push_back(photons[o.second]);
+  std::vector<Bounds3f> boxes;
+  auto from = set.photons.begin();
+  for (std::size_t half = 0; half < 2; ++half) {
+    const auto to = std::find_if(from, set.photons.end(), [&](const Photon& p) { return p.half != half; });
+    boxes.clear();
+    for (auto p = from; p != to; ++p) boxes.push_back(footprint_bounds(p->footprint, kernel_, p->n, p->thickness));
+    set.first_of_half[half] = std::uint32_t(from - set.photons.begin());
+    set.index.emplace_back(boxes);
+    from = to;
+  }
+  return set;
+}
+
 PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, const LightPathClassifier& classifier,
                      const RayScene& rays, bool always_instant)
-    : photons_(std::move(photons)),
-      kernel_(tracer.kernel()),
+    : kernel_(tracer.kernel()),
       instant_(tracer.instant()),
       always_instant_(always_instant),
       lights_(tracer.lights().begin(), tracer.lights().end()),
       rays_(rays) {
-  // Neighbours stand together: what a point needs is then found in few places of memory.
-  Bounds3f around;
-  for (const Photon& p : photons_) around.extend(p.footprint.center);
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> order(photons_.size());
-  for (std::size_t i = 0; i < order.size(); ++i) {
-    const std::uint64_t place = morton(photons_[i].footprint.center, around);
-    order[i] = {std::uint64_t(photons_[i].half) << 63 | place, std::uint32_t(i)};
-  }
-  std::sort(order.begin(), order.end());
-  std::vector<Photon> sorted;
-  sorted.reserve(photons_.size());
-  for (const auto& o : order) sorted.push_back(photons_[o.second]);
-  photons_ = std::move(sorted);
-  std::map<std::uint64_t, std::uint32_t> suffixes;
-  for (Photon& p : photons_) {
-    const auto [it, added] = suffixes.try_emplace(p.events.code(), std::uint32_t(ends_.size()));
-    p.suffix = it->second;
-    if (!added) continue;
-    auto& ends = ends_.emplace_back(classifier.state_count());
-    for (std::size_t s = 0; s < ends.size(); ++s) {
-      auto state = LightPathClassifier::State(s);
-      p.events.visit([&](PhotonEvents::Kind k) { state = next(classifier, state, k); });
-      ends[s] = state;
+  // Few of the many sequences of events are told apart by the classifier.
+  std::map<std::uint64_t, std::uint32_t> by_code;
+  std::map<std::vector<LightPathClassifier::State>, std::uint32_t> by_ends;
+  for (Photon& p : photons) {
+    const auto [it, added] = by_code.try_emplace(p.events.code());
+    if (added) {
+      std::vector<LightPathClassifier::State> ends(classifier.state_count());
+      for (std::size_t s = 0; s < ends.size(); ++s) {
+        auto state = LightPathClassifier::State(s);
+        p.events.visit([&](PhotonEvents::Kind k) { state = next(classifier, state, k); });
+        ends[s] = state;
+      }
+      const auto [known, fresh] = by_ends.try_emplace(ends, std::uint32_t(ends_.size()));
+      if (fresh) ends_.push_back(ends);
+      it->second = known->second;
     }
+    p.suffix = std::uint16_t(it->second);
+    p.edges = std::uint8_t(p.events.size() + 1);
   }
-  std::vector<Bounds3f> boxes;
-  auto from = photons_.begin();
-  for (int half = 0; half < 2; ++half) {
-    const auto to = std::find_if(from, photons_.end(), [&](const Photon& p) { return p.half != half; });
-    boxes.clear();
-    for (auto p = from; p != to; ++p)
-      boxes.push_back(footprint_bounds(p->footprint, kernel_, p->n, p->thickness));
-    first_of_half_.push_back(std::uint32_t(from - photons_.begin()));
-    index_.emplace_back(boxes);
-    from = to;
+  std::vector<Photon> few;
+  for (const Photon& p : photons) {
+    if (!(p.coarse_scale > 0)) continue;
+    few.push_back(p);
+    few.back().flux *= p.coarse_scale;
+    few.back().footprint.widen(std::sqrt(2.0f));
+    few.back().thickness *= std::sqrt(2.0f);
   }
+  sets_ = {make_set(std::move(photons)), make_set(std::move(few))};
   const Scene& scene = rays.scene();
   moves_.resize(scene.instances.size());
   for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
@@ -95,13 +113,18 @@ PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, co
 }
 
 std::uint64_t PhotonMap::memory() const {
-  std::uint64_t bytes = photons_.capacity() * sizeof(Photon);
-  for (const BoxIndex& i : index_) bytes += i.memory();
+  std::uint64_t bytes = 0;
+  for (const Set& set : sets_) {
+    bytes += set.photons.capacity() * sizeof(Photon);
+    for (const BoxIndex& i : set.index) bytes += i.memory();
+  }
   return bytes;
 }
 
-void PhotonMap::gather(const Vertex& at, double t, int half, std::vector<GatheredLight::Arrival>& out) const {
+void PhotonMap::gather(const Vertex& at, double t, int half, bool coarse, int most_edges,
+                       std::vector<GatheredLight::Arrival>& out) const {
   out.clear();
+  const Set& set = sets_[coarse];
   const std::uint32_t instance = at.hit.point.instance;
   const bool moving = moves_[instance], instant = always_instant_ || moving;
   Vec3f position = at.s.p, ng = at.s.ng;
@@ -118,36 +141,39 @@ void PhotonMap::gather(const Vertex& at, double t, int half, std::vector<Gathere
   std::array<Group, kGroups> groups;
   for (int h = 0; h < 2; ++h) {
     if (half >= 0 && h != half) continue;
-    index_[h].visit(position, [&](std::size_t i) {
-      const Photon& p = photons_[first_of_half_[h] + i];
+    set.index[h].visit(position, [&](std::size_t i) {
+      const Photon& p = set.photons[set.first_of_half[h] + i];
       const Vec3f offset = position - p.footprint.center;
       const Vec2f z = p.footprint.to_filter(offset);
       if (instant) {
         const Vec2f d = z - p.footprint.w * sigma;
         if (dot(d, d) >= reach * reach) return;
       }
-      if ((moving || p.moving) && p.instance != instance) return;
+      if (((moving || p.moving) && p.instance != instance) || p.edges > most_edges) return;
       if (std::abs(dot(p.n, offset)) > p.thickness || std::abs(dot(p.n, ng)) < kLeastNormalCosine) return;
       float density = instant ? instant_density(p.footprint, kernel_.kernel, offset, sigma, p.rate)
                               : swept_density(p.footprint, kernel_, offset, p.rate);
       if (!(density > 0)) return;
       if (half >= 0) density *= 2;
       const Rgb irradiance = p.flux * density;
-      const std::uint64_t key = p.wi.cell() | std::uint64_t(p.suffix) << 32 | std::uint64_t(1) << 63;
+      const std::uint64_t key = direction_cell(p.wi) | std::uint64_t(p.suffix) << 32 | std::uint64_t(1) << 63;
       const std::size_t first = mix64(key) % kGroups;
       for (std::size_t k = 0; k < 4; ++k) {
         Group& g = groups[(first + k) % kGroups];
         if (g.key == key) {
-          out[g.arrival].irradiance += irradiance;
+          GatheredLight::Arrival& a = out[g.arrival];
+          a.wi += p.wi * luminance(irradiance);
+          a.irradiance += irradiance;
           return;
         }
         if (g.key != 0) continue;
         g = {key, out.size()};
         break;
       }
-      out.push_back({p.wi.unpack(), irradiance, p.events.size() + 1, ends_[p.suffix]});
+      out.push_back({p.wi * luminance(irradiance), irradiance, ends_[p.suffix]});
     });
   }
+  for (GatheredLight::Arrival& a : out) a.wi = normalize(a.wi);
 }
 
 std::size_t PhotonLight::piece_at(double time) const {
@@ -156,9 +182,10 @@ std::size_t PhotonLight::piece_at(double time) const {
   return piece;
 }
 
-std::span<const GatheredLight::Arrival> PhotonLight::arriving(const Vertex& at, double time, int sample) const {
+std::span<const GatheredLight::Arrival> PhotonLight::arriving(const Vertex& at, double time, int sample,
+                                                              bool coarse, int most_edges) const {
   thread_local std::vector<Arrival> result;
-  maps_[piece_at(time)]->gather(at, time, frame_.settings.spp > 1 ? sample & 1 : -1, result);
+  maps_[piece_at(time)]->gather(at, time, frame_.settings.spp > 1 ? sample & 1 : -1, coarse, most_edges, result);
   return result;
 }
 

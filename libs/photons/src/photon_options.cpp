@@ -64,8 +64,8 @@ PhotonOptions::PhotonOptions(const Params& p)
 }
 
 double PhotonOptions::overlap_of(std::int64_t n) const {
-  // Beyond 64 what is left of noise is below what anyone sees, and more footprints would only take time.
-  return overlap > 0 ? overlap : std::min(9 * std::sqrt(std::max(1.0, double(n) / 1000)), 64.0);
+  // Beyond 36 what is left of noise is below what anyone sees, and more footprints would only take time.
+  return overlap > 0 ? overlap : std::min(9 * std::sqrt(std::max(1.0, double(n) / 1000)), 36.0);
 }
 
 double PhotonOptions::instant_of(const TimeSpan& exposure) const {

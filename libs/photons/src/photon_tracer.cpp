@@ -23,6 +23,8 @@ constexpr double kLeastRadius = 2e-4;
 constexpr double kGrazing = 1e-4;
 /// Change of the normal over a beam from which on it is no longer nearly linear.
 constexpr double kCurved = 0.5;
+/// All photons for each of those that stand for them where little is seen of it.
+constexpr std::int64_t kFew = 8;
 /// Share of photons that goes wherever lights shine, in case something focuses light that was not known to.
 constexpr double kEverywhere = 0.1;
 
@@ -137,7 +139,8 @@ struct PhotonTracer::Branch {
   int depth = 0;
   std::int64_t photons = 0;  ///< of the light
   float width = 1;           ///< length of columns over those of a photon that was not thinned out
-  bool bent = false, from_infinity = false, clamped = false;
+  float coarse_scale = 0;    ///< as in Photon
+  bool bent = false, from_infinity = false;
   std::uint8_t half = 0;
 };
 
@@ -251,6 +254,10 @@ std::optional<PhotonTracer::Branch> PhotonTracer::start(const Share& share, std:
   b.flux = e->power * float(1 / (n * e->pdf_position * e->pdf_direction));
   b.photons = lamp.photons;
   b.half = std::uint8_t(i & 1);
+  // The first eighth of a part, whole pairs of the two halves.
+  const std::int64_t few = share.count / (2 * kFew) * 2;
+  if (i < std::max(few, std::min<std::int64_t>(share.count, 2)))
+    b.coarse_scale = float(double(share.count) / double(std::max(few, std::min<std::int64_t>(share.count, 2))));
   b.beam.x = e->p, b.beam.w = e->w;
   // Cells of the light that one photon stands for, so large that `overlap` of them cover a point.
   const double beta = std::sqrt(4 * options_.overlap_of(lamp.photons) / kPiD);
@@ -299,8 +306,9 @@ void PhotonTracer::store(const Branch& b, const SurfaceFrame& f, const SurfacePo
   p.thickness = 0.5f * std::max(length(axes.a), length(axes.b));
   p.flux = b.flux;
   p.rate = rate;
+  p.coarse_scale = b.coarse_scale;
   p.n = Vec3f(n);
-  p.wi = PackedDirection(Vec3f(wi));
+  p.wi = Vec3f(wi);
   p.instance = point.instance;
   p.events = b.events;
   p.half = b.half;

@@ -66,12 +66,19 @@ struct Footprint {
   Vec3f center;
   Vec3f m1, m2;          ///< rows of M [Schjoth 2010, Eq. 8]
   Vec2f w;               ///< M D_t: motion in filter space, 1/s
+  float slowness = 0;      ///< 1 / |w|, s; 0: it stands still
   float inverse_area = 0;  ///< 1 / A_0
 
   Footprint() = default;
   /// `velocity`: m/s, in the plane of the axes.
   Footprint(const Vec3f& center, const FootprintAxes& axes, const Vec3f& velocity);
   Vec2f to_filter(const Vec3f& offset) const { return {dot(m1, offset), dot(m2, offset)}; }
+  /// Makes the ellipse wider; it moves as it does.
+  void widen(float factor) {
+    m1 *= 1 / factor, m2 *= 1 / factor, w *= 1 / factor;
+    slowness *= factor;
+    inverse_area *= 1 / (factor * factor);
+  }
   /// Velocity on the surface, m/s.
   Vec3f velocity() const;
   /// Half axes, in m: lengths 1 / |m1| and 1 / |m2|.

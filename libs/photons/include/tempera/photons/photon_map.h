@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 // Photons of a frame, found by the point that their footprints cover. [Schjoth 2010, Eq. 8]
-#include <map>
+#include <array>
 #include <memory>
 #include <vector>
 
@@ -19,19 +19,27 @@ class PhotonMap {
   PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, const LightPathClassifier& classifier,
             const RayScene& rays, bool always_instant);
 
-  /// What arrives at a vertex at time t from photons of half 0 or 1; from both, in their mean, if `half` is -1.
-  void gather(const Vertex& at, double t, int half, std::vector<GatheredLight::Arrival>& out) const;
+  /// What arrives at a vertex at time t by paths of at most `most_edges` from photons of half 0 or 1; from both, in their
+  /// mean, if `half` is -1. Photons from nearly the same direction arrive as one. `coarse`: from an eighth of them with
+  /// footprints of twice the area.
+  void gather(const Vertex& at, double t, int half, bool coarse, int most_edges,
+              std::vector<GatheredLight::Arrival>& out) const;
 
-  const std::vector<Photon>& photons() const { return photons_; }
+  const std::vector<Photon>& photons() const { return sets_[0].photons; }
   /// Which lights emit photons, by the indices of LightSample::light.
   std::span<const char> lights() const { return lights_; }
   /// Bytes that it holds.
   std::uint64_t memory() const;
 
  private:
-  std::vector<Photon> photons_;
-  std::vector<std::uint32_t> first_of_half_;              // photons_ is ordered by half, then by place
-  std::vector<BoxIndex> index_;                           // by half
+  /// Photons, ordered by half, then by place.
+  struct Set {
+    std::vector<Photon> photons;
+    std::array<std::uint32_t, 2> first_of_half{};
+    std::vector<BoxIndex> index;  // by half
+  };
+  Set make_set(std::vector<Photon> photons) const;
+  std::array<Set, 2> sets_;  // fine, coarse
   std::vector<std::vector<LightPathClassifier::State>> ends_;  // by suffix
   KernelSettings kernel_;
   double instant_;
@@ -51,7 +59,8 @@ class PhotonLight final : public GatheredLight {
 
   std::uint32_t classes() const override { return classes_; }
   std::span<const char> lights(double time) const override { return maps_[piece_at(time)]->lights(); }
-  std::span<const Arrival> arriving(const Vertex& at, double time, int sample) const override;
+  std::span<const Arrival> arriving(const Vertex& at, double time, int sample, bool coarse,
+                                    int most_edges) const override;
 
  private:
   std::size_t piece_at(double time) const;

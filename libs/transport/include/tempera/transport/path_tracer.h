@@ -190,7 +190,6 @@ class GatheredLight {
   struct Arrival {
     Vec3f wi;        ///< unit, towards where it comes from
     Rgb irradiance;  ///< on the surface as it is, W/m^2
-    int edges = 0;   ///< of its path, from the light to the surface
     /// State of the classifier at the path's end by the state before its last vertex but this surface.
     std::span<const LightPathClassifier::State> ends;
   };
@@ -199,9 +198,11 @@ class GatheredLight {
   virtual std::uint32_t classes() const = 0;
   /// From which lights, by their index (LightSample::light): it stands for those alone.
   virtual std::span<const char> lights(double time) const = 0;
-  /// What arrives at a vertex that scatters by D, as the sample of that number of a pixel sees it. The span is valid
-  /// until the same thread asks again. Threads: re-entrant.
-  virtual std::span<const Arrival> arriving(const Vertex& at, double time, int sample) const = 0;
+  /// What arrives at a vertex that scatters by D, as the sample of that number of a pixel sees it, by paths from lights of
+  /// at most `most_edges`. `coarse`: the eye sees the surface in a diffuse reflection, if at all. The span is valid until
+  /// the same thread asks again. Threads: re-entrant.
+  virtual std::span<const Arrival> arriving(const Vertex& at, double time, int sample, bool coarse,
+                                            int most_edges) const = 0;
 };
 
 /// Collects radiance: the total, and the share of each class (the last entry: paths of no class).
@@ -233,10 +234,9 @@ struct Tally {
     if (!classes.empty()) states.add_to(classifier, c, f, classes);
   }
   /// Light of the classes that are left out, which arrives at a vertex whose throughput is `beta`, seen from v.s.wo.
-  void add(const WeightedStates& states, const Rgb& beta, const Vertex& v, int edges_left,
+  void add(const WeightedStates& states, const Rgb& beta, const Vertex& v,
            std::span<const GatheredLight::Arrival> arrivals) {
     for (const GatheredLight::Arrival& a : arrivals) {
-      if (a.edges > edges_left) continue;
       // Irradiance is by the geometric normal, f_cos by those of the lobes.
       const Rgb f = v.bsdf.eval(v.s.wo, a.wi).f_cos[std::size_t(Event::kDiffuse)];
       const float cosine = std::abs(dot(v.s.ng, a.wi));
@@ -315,6 +315,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
   bool mis = false;    // whether next-event estimation could have found what this ray finds
   Vec3f previous = ray.o;
   bool seen_by_camera = true;
+  bool blurred = false;  // whether the path has been scattered by D
   int edges = 1;
 
   // An observer looks at both ends of an edge.
@@ -388,7 +389,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     if (edges >= options.max_depth || v.bsdf.empty()) break;
     const VertexNumbers u = camera.stream.vertex(index);
     if (gathered_light && v.bsdf.has_non_delta()) {
-      tally.add(states, beta, v, options.max_depth - edges, gathered_light->arriving(v, time, camera.index));
+      tally.add(states, beta, v, gathered_light->arriving(v, time, camera.index, blurred, options.max_depth - edges));
     }
 
     // Next-event estimation. Each event's share goes to the class that it leads to. [Zimmer 2015, Sec. 3]
@@ -427,6 +428,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     beta_roulette *= max_component(total) * inv_pdf;
     eta_product *= eta2;
     beta *= total * inv_pdf;
+    blurred |= sample->event == Event::kDiffuse;
     if (by_class) states.scatter(classifier, sample->f_cos, sample->delta && sample->transmitted && sample->eta == 1);
     if (chains && chains->active()) chains->scatter(sample->f_cos);
     mis = !sample->delta && next_event;
