@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: Apache-2.0
+// Complete pictures with caustics by photons, against path tracing.
+#include <functional>
+
+#include "box_shot.h"
+#include "estimate.h"
+#include "tempera/methods/render_section.h"
+
+namespace tempera {
+namespace {
+
+const MaterialPtr kWhite = make_diffuse(0.7f);
+
+MaterialPtr glass() { return make_dielectric({}); }
+MaterialPtr metal(float alpha) {
+  ConductorParams p;
+  if (alpha > 0) p.roughness = {true, Microfacets::kGgx, alpha, alpha, true};
+  p.eta = Rgb(0.2f), p.k = Rgb(3.0f);
+  return make_conductor(p);
+}
+MaterialPtr plastic() { return make_plastic({}); }
+
+struct Case {
+  const char* name;
+  std::function<BoxShot()> make;
+  int spp = 256;  ///< of path tracing
+};
+void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
+
+BoxShot sun(BoxShot shot, float degrees) {
+  PunctualLight light;
+  light.type = LightType::kDirectional;
+  light.angle = degrees * kPi / 180;
+  light.intensity = Rgb(3.0f);
+  light.node = shot.node(Affine3d(look_at(Vec3f{-0.2f, 0.9f, 2.5f}, Vec3f{0.2f, -0.5f, 0}, Vec3f{0, 1, 0})));
+  shot.scene.lights.push_back(light);
+  return shot;
+}
+
+class PhotonsAgreeWithPath : public testing::TestWithParam<Case> {};
+
+TEST_P(PhotonsAgreeWithPath, InEveryBlock) {
+  BoxShot shot = GetParam().make();
+  shot.settings.spp = GetParam().spp;
+  const Estimate expected = estimate(shot, 0, {"color"});
+  shot.integrator = "temporal_photon";
+  shot.parameters += ",photons=60000";
+  shot.settings.spp = 32;
+  EXPECT_TRUE(agree(estimate(shot, 0, {"color"}), expected, 1e-3, 0.02));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    , PhotonsAgreeWithPath,
+    testing::Values(
+        Case{"glass_ball", [] { return BoxShot(kWhite, glass()).area_light(); }},
+        Case{"sun_of_4_degrees", [] { return sun(BoxShot(kWhite, glass()), 4); }},
+        Case{"glossy_floor", [] { return BoxShot(metal(0.3f), glass()).area_light(); }},
+        Case{"mirror_floor", [] { return BoxShot(metal(0), glass()).area_light(); }},
+        Case{"coated_floor", [] { return BoxShot(plastic(), metal(0)).area_light(); }},
+        Case{"coated_ball", [] { return BoxShot(kWhite, plastic()).area_light(); }},
+        Case{"sharp_metal", [] { return BoxShot(kWhite, metal(0.05f)).area_light(); }},
+        Case{"masked_ball", [] { return BoxShot(kWhite, make_mask(0.6f, glass())).area_light(); }},
+        Case{"pane",
+             [] {
+               BoxShot shot = BoxShot(kWhite, metal(0)).area_light();
+               DielectricParams p;
+               p.thin = true;
+               shot.add(quad({0.1f, 0.3f, 0.1f}, {0.5f, 0.1f, 0}, {0, 0, 0.5f}), make_dielectric(p));
+               return shot;
+             }},
+        Case{"flat_ball_of_a_coarse_mesh",
+             [] {
+               BoxShot shot = BoxShot(kWhite, nullptr).coarse(glass()).area_light();
+               shot.scene.bend_normals = false;
+               return shot;
+             }},
+        Case{"environment_with_a_sun",
+             [] {
+               BoxShot shot(kWhite, glass());
+               Environment e;
+               e.width = 32, e.height = 16;
+               e.image.assign(512, Rgb(0.1f));
+               e.image[4 * 32 + 9] = Rgb(200.0f);
+               shot.scene.environments.push_back(e);
+               return shot;
+             },
+             512},
+        Case{"sky_is_left_to_paths", [] { return BoxShot(kWhite, glass()).sky().area_light(); }}),
+    [](const auto& c) { return std::string(c.param.name); });
+
+BoxShot moving_glass() {
+  BoxShot shot = BoxShot(kWhite, nullptr).area_light();
+  AnimatedTransform pose;
+  pose.keyed = true;
+  pose.translation = {{0, 4}, {Vec3d{-0.4, -0.4, 0.1}, Vec3d{0.8, 0.3, 0.1}}, Interpolation::kLinear};
+  pose.scale = Vec3d{0.4, 0.4, 0.4};
+  shot.add(Sphere{}, glass(), shot.node(pose));
+  shot.settings.clock.shutter = {.open = 0, .close = 1};
+  return shot;
+}
+
+// Swept footprints, and those of a moving camera's samples, stand for the exposure.
+TEST(Photons, OfMovingGlassAgreeWithPath) {
+  for (const char* gauge : {"matter", "emission"}) {
+    BoxShot shot = moving_glass();
+    shot.settings.spp = 256;
+    const Estimate expected = estimate(shot, 1, {"color"});
+    shot.integrator = "temporal_photon";
+    shot.parameters += std::string(",photons=60000,gauge=") + gauge;
+    shot.settings.spp = 32;
+    EXPECT_TRUE(agree(estimate(shot, 1, {"color"}), expected, 1e-3, 0.03)) << gauge;
+  }
+}
+
+TEST(Photons, OfAMovingCameraAgreeWithPath) {
+  BoxShot shot = moving_glass();
+  AnimatedTransform pose = shot.scene.nodes[shot.scene.cameras[0].node].local;
+  const Affine3d a(look_at(Vec3f{0.1f, 0.1f, 3.2f}, Vec3f{0, -0.1f, 0}, Vec3f{0, 1, 0}));
+  pose.keyed = true;
+  pose.translation = {{0, 4}, {a.translation - Vec3d{0.6, 0, 0}, a.translation + Vec3d{1, 0.3, 0}},
+                      Interpolation::kLinear};
+  pose.rotation = quaternion(a);
+  shot.scene.nodes[shot.scene.cameras[0].node].local = pose;
+  shot.settings.spp = 256;
+  const Estimate expected = estimate(shot, 1, {"color"});
+  shot.integrator = "temporal_photon";
+  shot.parameters += ",photons=60000";
+  shot.settings.spp = 64;
+  EXPECT_TRUE(agree(estimate(shot, 1, {"color"}), expected, 1e-3, 0.03));
+}
+
+// The floor slides away under a caustic that stays where it is.
+TEST(Photons, StayInTheWorldOnAMovingReceiver) {
+  BoxShot shot = BoxShot(kWhite, glass()).area_light();
+  AnimatedTransform slide;
+  slide.keyed = true;
+  slide.translation = {{0, 4}, {Vec3d{-2, 0, 0}, Vec3d{2, 0, 0}}, Interpolation::kLinear};
+  shot.scene.instances[0].node = shot.node(slide);
+  shot.scene.instances[0].name = "floor";
+  for (Vec3f& p : std::get<Mesh>(shot.scene.shapes[0].geometry).positions) p.x *= 4;
+  shot.settings.clock.shutter = {.open = 0, .close = 1};
+  shot.settings.spp = 256;
+  const Estimate expected = estimate(shot, 1, {"color"});
+  shot.integrator = "temporal_photon";
+  shot.parameters += ",photons=60000";
+  shot.settings.spp = 64;
+  EXPECT_TRUE(agree(estimate(shot, 1, {"color"}), expected, 1e-3, 0.03));
+}
+
+Frame rendered(BoxShot shot, const char* integrator, int threads = 0) {
+  shot.integrator = integrator;
+  shot.parameters += ",photons=3000";
+  std::optional<Frame> frame;
+  with_threads(threads, [&] { frame.emplace(shot.render(1)); });
+  return std::move(*frame);
+}
+
+TEST(Photons, HaveTheBitsOfStaticOnesWhereNothingMoves) {
+  BoxShot shot = BoxShot(kWhite, glass()).area_light();
+  shot.settings.spp = 4;
+  shot.settings.clock.shutter = {.open = 0, .close = 1};
+  EXPECT_EQ(values(rendered(shot, "temporal_photon").layer("color")),
+            values(rendered(shot, "photon_differentials").layer("color")));
+}
+
+TEST(Photons, HaveTheSameBitsForAnyThreadsAndTiles) {
+  BoxShot shot = moving_glass();
+  shot.settings.spp = 4;
+  const auto expected = values(rendered(shot, "temporal_photon", 1).layer("color"));
+  EXPECT_EQ(values(rendered(shot, "temporal_photon", 3).layer("color")), expected);
+  shot.tile = 7;
+  EXPECT_EQ(values(rendered(shot, "temporal_photon", 2).layer("color")), expected);
+}
+
+TEST(Photons, AddUpWithClasses) {
+  BoxShot shot = moving_glass();
+  shot.settings.spp = 8;
+  shot.settings.layers = {"color"};
+  shot.settings.classes = {{"caustic", "ED[RT]+"}, {"direct", "ED"}, {"seen_caustic", "E[RT]+D[RT]+"}};
+  shot.settings.classes_are_decomposition = true;
+  const Frame f = rendered(shot, "temporal_photon");
+  double caustic = 0;
+  for (int y = 0; y < f.height(); ++y) {
+    for (int x = 0; x < f.width(); ++x) {
+      Rgb sum;
+      for (const char* name : {"caustic", "direct", "seen_caustic", "residual"})
+        sum += f.layer(std::string("class.") + name + ".color").rgb(x, y);
+      EXPECT_NEAR(luminance(sum), luminance(f.layer("color").rgb(x, y)), 1e-4);
+      caustic += double(luminance(f.layer("class.caustic.color").rgb(x, y)));
+    }
+  }
+  EXPECT_GT(caustic, 1);
+}
+
+// The halves of the samples see independent photons, so they tell the noise of photons, too.
+TEST(Photons, HalvesAreIndependent) {
+  BoxShot shot = BoxShot(kWhite, glass()).area_light();
+  shot.settings.spp = 16;
+  shot.settings.layers = {"color", "color.a", "color.b", "color.var"};
+  shot.settings.classes = {{"caustic", "ED[RT]+"}};
+  shot.parameters += ",overlap=1";  // so few that noise of photons outweighs that of samples
+  const auto caustic = [&](int seed) {
+    shot.settings.seed = std::uint64_t(seed);
+    return rendered(shot, "temporal_photon");
+  };
+  double told = 0, seen = 0;
+  constexpr int kRuns = 12;
+  std::vector<Frame> runs;
+  for (int i = 0; i < kRuns; ++i) runs.push_back(caustic(i + 1));
+  const auto value = [&](const Frame& f, int x, int y) { return double(luminance(f.layer("class.caustic.color").rgb(x, y))); };
+  for (int y = 0; y < shot.settings.height; ++y) {
+    for (int x = 0; x < shot.settings.width; ++x) {
+      double mean = 0, squares = 0;
+      for (const Frame& f : runs) mean += value(f, x, y) / kRuns;
+      for (const Frame& f : runs) {
+        squares += sqr(value(f, x, y) - mean) / (kRuns - 1);
+        const auto half = [&](const char* name) { return double(luminance(f.layer(name).rgb(x, y))); };
+        told += sqr(half("class.caustic.color.a") - half("class.caustic.color.b")) / 4 / kRuns;
+      }
+      seen += squares;
+    }
+  }
+  EXPECT_NEAR(told / seen, 1, 0.3);
+}
+
+TEST(Photons, ChoiceOfLightsLeavesTheOthersToPaths) {
+  BoxShot shot = BoxShot(kWhite, glass()).area_light();
+  shot.settings.spp = 128;
+  const Estimate expected = estimate(shot, 0, {"color"});
+  shot.integrator = "temporal_photon";
+  shot.parameters += ",photons=2000,photon_lights=nothing of that name";
+  EXPECT_TRUE(agree(estimate(shot, 0, {"color"}), expected));
+}
+
+}  // namespace
+}  // namespace tempera
