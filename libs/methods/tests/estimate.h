@@ -3,6 +3,7 @@
 // Pictures as estimates of the same light: whether two ways to render agree.
 #include <cmath>
 #include <functional>
+#include <numeric>
 #include <string>
 #include <vector>
 
@@ -59,16 +60,17 @@ inline Estimate estimate(TestShot shot, int frame, const std::vector<std::string
 
 /// Whether both estimate the same: each block by Welch's t, of which none of all may be unlikelier than `alpha`
 /// together, and their sum. `bias`: which part of the light of a block, and of its neighbours together, the first may be
-/// off by; a tenth of it for the sum.
+/// off by; a tenth of it for the sum. Blocks are then compared down to that part of the light of a mean one.
 inline testing::AssertionResult agree(const Estimate& a, const Estimate& b, double alpha = 1e-3, double bias = 0) {
   double difference = 0, variance = 0, total = 0, largest = 0;
+  const double mean_block = std::accumulate(b.mean.begin(), b.mean.end(), 0.0) / double(b.mean.size());
   for (std::size_t i = 0; i < a.mean.size(); ++i) {
     const double whole = a.mean[i] - b.mean[i];
     const double d = std::copysign(std::max(std::abs(whole) - bias * b.mean[i], 0.0), whole), v = a.variance[i] + b.variance[i] + sqr(1e-5 * (a.mean[i] + 1e-3));
     difference += whole;
     variance += v;
     total += b.mean[i];
-    largest = std::max(largest, std::abs(d) / std::sqrt(v));
+    largest = std::max(largest, std::abs(d) / std::sqrt(v + sqr(bias * mean_block)));
   }
   const double beyond = std::max(std::abs(difference) - 0.1 * bias * total, 0.0), z = beyond / std::sqrt(variance);
   // Quantile of Student's t with seven degrees of freedom, the fewest that a block can have, for 30 blocks.

@@ -5,6 +5,7 @@
 #include "box_shot.h"
 #include "estimate.h"
 #include "tempera/methods/render_section.h"
+#include "tempera/photons/photon_tracer.h"
 
 namespace tempera {
 namespace {
@@ -37,17 +38,39 @@ BoxShot sun(BoxShot shot, float degrees) {
   return shot;
 }
 
+/// All light, and that which photons stand for.
+struct Estimates {
+  Estimate all, caustics;
+};
+Estimates estimates(BoxShot shot, int frame) {
+  shot.settings.classes = {{"caustics", kPhotonPaths}};
+  std::vector<Frame> frames;
+  for (int seed = 1; seed <= kSeeds; ++seed) {
+    shot.settings.seed = std::uint64_t(seed);
+    frames.push_back(shot.render(frame));
+  }
+  const auto of = [&](const char* layer) {
+    return estimate([&](int seed) { return frames[seed - 1].layer(layer); });
+  };
+  return {of("color"), of("class.caustics.color")};
+}
+
+/// Whether photons find what path tracing does. `blur`: which part of the caustics of a block footprints may carry to its
+/// neighbours.
+void expect_agreement(BoxShot shot, int frame, int path_spp, int spp, double blur, const char* more = "") {
+  shot.settings.spp = path_spp;
+  const Estimates expected = estimates(shot, frame);
+  shot.integrator = "temporal_photon";
+  shot.parameters += std::string(",photons=25000") + more;
+  shot.settings.spp = spp;
+  const Estimates found = estimates(shot, frame);
+  EXPECT_TRUE(agree(found.all, expected.all, 1e-3, 0.02));
+  EXPECT_TRUE(agree(found.caustics, expected.caustics, 1e-3, blur));
+}
+
 class PhotonsAgreeWithPath : public testing::TestWithParam<Case> {};
 
-TEST_P(PhotonsAgreeWithPath, InEveryBlock) {
-  BoxShot shot = GetParam().make();
-  shot.settings.spp = GetParam().spp;
-  const Estimate expected = estimate(shot, 0, {"color"});
-  shot.integrator = "temporal_photon";
-  shot.parameters += ",photons=60000";
-  shot.settings.spp = 32;
-  EXPECT_TRUE(agree(estimate(shot, 0, {"color"}), expected, 1e-3, 0.02));
-}
+TEST_P(PhotonsAgreeWithPath, InEveryBlock) { expect_agreement(GetParam().make(), 0, GetParam().spp, 32, 0.06); }
 
 INSTANTIATE_TEST_SUITE_P(
     , PhotonsAgreeWithPath,
@@ -101,14 +124,9 @@ BoxShot moving_glass() {
 
 // Swept footprints, and those of a moving camera's samples, stand for the exposure.
 TEST(Photons, OfMovingGlassAgreeWithPath) {
-  for (const char* gauge : {"matter", "emission"}) {
-    BoxShot shot = moving_glass();
-    shot.settings.spp = 256;
-    const Estimate expected = estimate(shot, 1, {"color"});
-    shot.integrator = "temporal_photon";
-    shot.parameters += std::string(",photons=60000,gauge=") + gauge;
-    shot.settings.spp = 32;
-    EXPECT_TRUE(agree(estimate(shot, 1, {"color"}), expected, 1e-3, 0.03)) << gauge;
+  for (const char* gauge : {",gauge=matter", ",gauge=emission"}) {
+    SCOPED_TRACE(gauge);
+    expect_agreement(moving_glass(), 1, 256, 32, 0.1, gauge);
   }
 }
 
@@ -121,12 +139,7 @@ TEST(Photons, OfAMovingCameraAgreeWithPath) {
                       Interpolation::kLinear};
   pose.rotation = quaternion(a);
   shot.scene.nodes[shot.scene.cameras[0].node].local = pose;
-  shot.settings.spp = 256;
-  const Estimate expected = estimate(shot, 1, {"color"});
-  shot.integrator = "temporal_photon";
-  shot.parameters += ",photons=60000";
-  shot.settings.spp = 64;
-  EXPECT_TRUE(agree(estimate(shot, 1, {"color"}), expected, 1e-3, 0.03));
+  expect_agreement(shot, 1, 256, 64, 0.1);
 }
 
 // The floor slides away under a caustic that stays where it is.
@@ -139,12 +152,7 @@ TEST(Photons, StayInTheWorldOnAMovingReceiver) {
   shot.scene.instances[0].name = "floor";
   for (Vec3f& p : std::get<Mesh>(shot.scene.shapes[0].geometry).positions) p.x *= 4;
   shot.settings.clock.shutter = {.open = 0, .close = 1};
-  shot.settings.spp = 256;
-  const Estimate expected = estimate(shot, 1, {"color"});
-  shot.integrator = "temporal_photon";
-  shot.parameters += ",photons=60000";
-  shot.settings.spp = 64;
-  EXPECT_TRUE(agree(estimate(shot, 1, {"color"}), expected, 1e-3, 0.03));
+  expect_agreement(shot, 1, 256, 64, 0.1);
 }
 
 Frame rendered(BoxShot shot, const char* integrator, int threads = 0) {
