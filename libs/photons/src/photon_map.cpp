@@ -74,6 +74,7 @@ PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, co
     : kernel_(tracer.kernel()),
       instant_(tracer.instant()),
       always_instant_(always_instant),
+      halves_(tracer.halves()),
       lights_(tracer.lights().begin(), tracer.lights().end()),
       rays_(rays) {
   // Few of the many sequences of events are told apart by the classifier.
@@ -139,8 +140,9 @@ void PhotonMap::gather(const Vertex& at, double t, int half, bool coarse, int mo
     std::size_t arrival = 0;
   };
   std::array<Group, kGroups> groups;
-  for (int h = 0; h < 2; ++h) {
-    if (half >= 0 && h != half) continue;
+  const bool one = halves_ && half >= 0;
+  for (int h = 0; h < (halves_ ? 2 : 1); ++h) {
+    if (one && h != half) continue;
     set.index[h].visit(position, [&](std::size_t i) {
       const Photon& p = set.photons[set.first_of_half[h] + i];
       const Vec3f offset = position - p.footprint.center;
@@ -154,7 +156,7 @@ void PhotonMap::gather(const Vertex& at, double t, int half, bool coarse, int mo
       float density = instant ? instant_density(p.footprint, kernel_.kernel, offset, sigma, p.rate)
                               : swept_density(p.footprint, kernel_, offset, p.rate);
       if (!(density > 0)) return;
-      if (half >= 0) density *= 2;
+      if (one) density *= 2;
       const Rgb irradiance = p.flux * density;
       const std::uint64_t key = direction_cell(p.wi) | std::uint64_t(p.suffix) << 32 | std::uint64_t(1) << 63;
       const std::size_t first = mix64(key) % kGroups;

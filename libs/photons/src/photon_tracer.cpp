@@ -100,6 +100,14 @@ std::array<Vec3d, 2> across(const Vec3d& w) {
 
 }  // namespace
 
+namespace {
+bool asks_for_halves(const RenderSettings& settings) {
+  return std::any_of(settings.layers.begin(), settings.layers.end(), [](const std::string& name) {
+    return name == "color.a" || name == "color.b" || name == "color.var";
+  });
+}
+}  // namespace
+
 PhotonCounts& PhotonCounts::operator+=(const PhotonCounts& o) {
   emitted += o.emitted, stored += o.stored, clamped += o.clamped, curved += o.curved;
   emitted_flux += o.emitted_flux, stored_flux += o.stored_flux;
@@ -153,6 +161,7 @@ PhotonTracer::PhotonTracer(const FrameContext& piece, const PhotonOptions& optio
       kernel_{options.kernel, options.sweep, options.filter, 0, 0},
       photons_(photons),
       max_depth_(max_depth),
+      halves_(asks_for_halves(piece.settings)),
       casters_(find_casters(piece.rays, exposure)) {
   if (options.temporal) kernel_.begin = exposure.begin - instant_, kernel_.end = exposure.end - instant_;
   const Scene& scene = piece.scene;
@@ -238,13 +247,18 @@ void PhotonTracer::plan() {
   photons_ = before;
 }
 
+/// The numbers of a photon. It keeps them from frame to frame, so that what is left of noise does not flicker. Those of a
+/// stream's even numbers are one net, those of the odd ones another.
+SampleStream PhotonTracer::stream_of(const Share& share, std::int64_t i) const {
+  const RenderSettings& s = context_.settings;
+  return {s.sampler, s.seed, stream_number(StreamPurpose::kLight, 0), int(share.light), share.part,
+          std::uint32_t(halves_ ? i : 2 * i)};
+}
+
 std::optional<PhotonTracer::Branch> PhotonTracer::start(const Share& share, std::int64_t i,
                                                         PhotonCounts& counts) const {
   const Lamp& lamp = lamps_[share.light];
-  const RenderSettings& settings = context_.settings;
-  // Photons keep their numbers from frame to frame, so that what is left of noise does not flicker.
-  const SampleStream stream(settings.sampler, settings.seed, stream_number(StreamPurpose::kLight, 0), int(share.light),
-                            share.part, std::uint32_t(i));
+  const SampleStream stream = stream_of(share, i);
   const LightNumbers u = stream.light();
   ++counts.emitted;
   const auto e = lamp.aim->emit(share.part, lamp.shares, u.choice, u.position, u.direction);
@@ -253,7 +267,7 @@ std::optional<PhotonTracer::Branch> PhotonTracer::start(const Share& share, std:
   const double n = double(lamp.photons);
   b.flux = e->power * float(1 / (n * e->pdf_position * e->pdf_direction));
   b.photons = lamp.photons;
-  b.half = std::uint8_t(i & 1);
+  b.half = std::uint8_t(halves_ ? i & 1 : 0);
   // The first eighth of a part, whole pairs of the two halves.
   const std::int64_t few = share.count / (2 * kFew) * 2;
   if (i < std::max(few, std::min<std::int64_t>(share.count, 2)))
@@ -363,8 +377,7 @@ void PhotonTracer::trace(std::int64_t index, std::vector<Photon>& out, PhotonCou
   auto first = start(*share, index - share->first, counts);
   if (!first) return;
   const float initial = std::max(max_component(first->flux), 1e-38f);
-  const SampleStream stream(context_.settings.sampler, context_.settings.seed, stream_number(StreamPurpose::kLight, 0),
-                            int(share->light), share->part, std::uint32_t(index - share->first));
+  const SampleStream stream = stream_of(*share, index - share->first);
   constexpr std::size_t kOpen = 64;
   thread_local std::vector<Branch> open;
   open.assign(1, *first);

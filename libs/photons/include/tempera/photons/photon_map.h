@@ -19,8 +19,8 @@ class PhotonMap {
   PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, const LightPathClassifier& classifier,
             const RayScene& rays, bool always_instant);
 
-  /// What arrives at a vertex at time t by paths of at most `most_edges` from photons of half 0 or 1; from both, in their
-  /// mean, if `half` is -1. Photons from nearly the same direction arrive as one. `coarse`: from an eighth of them with
+  /// What arrives at a vertex at time t by paths of at most `most_edges` from photons of half 0 or 1; from all if
+  /// `half` is -1, or there are no halves. Photons from nearly the same direction arrive as one. `coarse`: from an eighth of them with
   /// footprints of twice the area.
   void gather(const Vertex& at, double t, int half, bool coarse, int most_edges,
               std::vector<GatheredLight::Arrival>& out) const;
@@ -43,7 +43,7 @@ class PhotonMap {
   std::vector<std::vector<LightPathClassifier::State>> ends_;  // by suffix
   KernelSettings kernel_;
   double instant_;
-  bool always_instant_;
+  bool always_instant_, halves_;
   std::vector<char> moves_;
   std::vector<char> lights_;
   const RayScene& rays_;

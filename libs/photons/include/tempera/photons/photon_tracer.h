@@ -43,6 +43,8 @@ class PhotonTracer {
   /// When the shutter is open since the instant, and how footprints are spread.
   const KernelSettings& kernel() const { return kernel_; }
   std::int64_t photons() const { return photons_; }
+  /// Whether they are two independent sets, as layers of halves and of variance ask for; one is spread more evenly.
+  bool halves() const { return halves_; }
   /// Which lights emit them, by the indices of LightSample::light.
   std::span<const char> lights() const { return lights_; }
 
@@ -63,6 +65,7 @@ class PhotonTracer {
   };
   struct Branch;
   void plan();
+  SampleStream stream_of(const Share& share, std::int64_t i) const;
   std::optional<Branch> start(const Share& share, std::int64_t i, PhotonCounts& counts) const;
   void store(const Branch& b, const SurfaceFrame& f, const SurfacePoint& point, std::vector<Photon>& out,
              PhotonCounts& counts) const;
@@ -75,6 +78,7 @@ class PhotonTracer {
   KernelSettings kernel_;
   std::int64_t photons_;
   int max_depth_;
+  bool halves_;
   std::vector<Bounds3f> casters_;
   std::vector<Lamp> lamps_;
   std::vector<char> lights_;
