@@ -181,6 +181,7 @@ std::optional<AimedLight> LightAim::emit(int part, std::span<const double> share
     r.infinite = true;
     r.w = normalize(Vec3d(w));
     r.p = Vec3d(center) + Vec3d(b.s) * double(at.x) + Vec3d(b.t) * double(at.y) - r.w * double(radius);
+    r.pivot = part == 0 ? double(radius) : dot(Vec3d(targets_[part - 1].center()) - r.p, r.w);
   };
 
   if (light_ < s.areas.size()) {

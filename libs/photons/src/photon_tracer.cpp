@@ -16,13 +16,18 @@ namespace {
 constexpr double kMostSpread = 0.5;
 /// Of the flux that a photon began with: branches with less go on by chance.
 constexpr float kLeastFlux = 0.05f;
+/// Footprints over a point of weak light, at least.
+constexpr double kLeastOverlap = 4;
 /// Largest footprint and largest way during the exposure, of the diameter of the scene.
 constexpr double kMostRadius = 0.025, kMostSweep = 0.1;
 /// Smallest one where the pixels do not say it, of the diameter.
 constexpr double kLeastRadius = 2e-4;
 constexpr double kGrazing = 1e-4;
-/// Change of the normal over a beam from which on it is no longer nearly linear.
-constexpr double kCurved = 0.5;
+/// Change of the normal over a beam from which on it is no longer nearly linear: half of it to each side.
+constexpr double kCurved = 1;
+/// How often a beam is divided, and which part of the photon's flux is worth it.
+constexpr int kMostDivisions = 2;
+constexpr float kLeastDivided = 0.01f;
 /// All photons for each of those that stand for them where little is seen of it.
 constexpr std::int64_t kFew = 8;
 /// Share of photons that goes wherever lights shine, in case something focuses light that was not known to.
@@ -146,8 +151,10 @@ struct PhotonTracer::Branch {
   PhotonEvents events;
   int depth = 0;
   std::int64_t photons = 0;  ///< of the light
-  float width = 1;           ///< length of columns over those of a photon that was not thinned out
+  float thinning = 1;        ///< part of the photons that has survived roulette
+  double width = 1;          ///< length of columns over those of the start
   float coarse_scale = 0;    ///< as in Photon
+  std::uint64_t salt = 0;    ///< tells the parts of a photon that was divided apart
   bool bent = false, from_infinity = false;
   std::uint8_t half = 0;
 };
@@ -282,12 +289,16 @@ std::optional<PhotonTracer::Branch> PhotonTracer::start(const Share& share, std:
   }
   if (!e->delta_direction) {
     const double size = std::min(beta / std::sqrt(n * e->pdf_direction), kMostSpread);
-    for (const Vec3d& d : across(e->w)) b.beam.dw[column++] = d * size;
+    for (const Vec3d& d : across(e->w)) {
+      // Light from infinity turns about where it passes what it is aimed at, not about where it is taken to start.
+      b.beam.dx[column] = d * (-size * e->pivot);
+      b.beam.dw[column++] = d * size;
+    }
   }
   if (options_.temporal) {
     b.emitter = {e->infinite, e->velocity, e->turn};
-    b.beam.dx[Beam::kTime] = e->velocity;
     b.beam.dw[Beam::kTime] = cross(e->turn, e->w);
+    b.beam.dx[Beam::kTime] = e->velocity - b.beam.dw[Beam::kTime] * e->pivot;
   }
   b.from_infinity = e->infinite;
   b.ray_from = length_squared(e->n) > 0 ? context_.rays.offset_origin(Vec3f(e->p), e->n, Vec3f(e->w)) : Vec3f(e->p);
@@ -372,15 +383,25 @@ void PhotonTracer::trace(std::int64_t index, std::vector<Photon>& out, PhotonCou
                          std::uint64_t& ray_count) const {
   const auto share = std::prev(std::upper_bound(shares_.begin(), shares_.end(), index,
                                                 [](std::int64_t i, const Share& s) { return i < s.first; }));
+  const std::int64_t i = index - share->first;
+  if (const auto first = start(*share, i, counts)) trace(*first, stream_of(*share, i), 0, out, counts, ray_count);
+}
+
+/// Traces a beam. One that is bent too strongly for what its derivatives tell is divided into four narrower ones, and so
+/// are these. [Schjoth 2010, Sec. 3.3]
+void PhotonTracer::trace(const Branch& first, const SampleStream& stream, int level, std::vector<Photon>& out,
+                         PhotonCounts& counts, std::uint64_t& ray_count) const {
+  const std::size_t stored_before = out.size();
+  const PhotonCounts counts_before = counts;
+  int curved_pair = -1;
+  double most_curvature = kCurved;
+  const float initial = std::max(max_component(first.flux), 1e-38f) / first.relative;
   const RayScene& rays = context_.rays;
   const double t = instant_;
-  auto first = start(*share, index - share->first, counts);
-  if (!first) return;
-  const float initial = std::max(max_component(first->flux), 1e-38f);
-  const SampleStream stream = stream_of(*share, index - share->first);
   constexpr std::size_t kOpen = 64;
-  thread_local std::vector<Branch> open;
-  open.assign(1, *first);
+  thread_local std::vector<std::vector<Branch>> stacks(kMostDivisions + 1);
+  std::vector<Branch>& open = stacks[level];
+  open.assign(1, first);
   Vertex v;
   for (std::uint64_t traced = 0; !open.empty(); ++traced) {
     Branch b = open.back();
@@ -471,7 +492,7 @@ void PhotonTracer::trace(std::int64_t index, std::vector<Photon>& out, PhotonCou
       if (next.relative < kLeastFlux) {
         const float q = next.relative / kLeastFlux;
         const float number = to_unit_float(std::uint32_t(
-            mix64(std::uint64_t(stream.hash()) * 0x9e3779b97f4a7c15ull + traced * kOpen + std::uint64_t(k))));
+            mix64((std::uint64_t(stream.hash()) + (b.salt << 32)) * 0x9e3779b97f4a7c15ull + traced * kOpen + std::uint64_t(k))));
         if (!(number < q)) {
           counts.absorbed_flux += flux;
           continue;
@@ -479,11 +500,15 @@ void PhotonTracer::trace(std::int64_t index, std::vector<Photon>& out, PhotonCou
         next.flux *= 1 / q;
         next.relative = kLeastFlux;
         counts.absorbed_flux -= flux * (1 / double(q) - 1);
-        // Those that are left are fewer.
-        const double widening = 1 / std::sqrt(double(q));
-        next.width *= float(widening);
-        for (int i = 0; i < Beam::kSpatial; ++i) next.beam.dx[i] *= widening, next.beam.dw[i] *= widening;
+        next.thinning *= q;
       }
+      // Weak light needs fewer footprints over a point for the same noise of the whole, but those that are left after
+      // thinning out are fewer, and so wider.
+      const double overlap = options_.overlap_of(b.photons);
+      const double covers = std::max(overlap * double(next.relative), std::min(kLeastOverlap, overlap));
+      const double width = std::sqrt(covers / (overlap * double(next.thinning))), widening = width / next.width;
+      next.width = width;
+      for (int i = 0; i < Beam::kSpatial; ++i) next.beam.dx[i] *= widening, next.beam.dw[i] *= widening;
       const bool straight = s.delta && s.transmitted && s.eta == 1;
       if (!straight && !next.bent) {
         next.bent = true;
@@ -498,7 +523,6 @@ void PhotonTracer::trace(std::int64_t index, std::vector<Photon>& out, PhotonCou
           own = -own;
           for (Vec3d& d : turn) d = -d;
         }
-        double curvature = 0;
         if (s.delta && dot(n, own) < 1 - 1e-7) turn = perturbed_normal_change(rays, v, f, matter_change(f, next.beam), s.lobe, t);
         if (s.delta && dot(n, own) >= 1 - 1e-7) n = own;
         if (!s.delta) {
@@ -509,8 +533,12 @@ void PhotonTracer::trace(std::int64_t index, std::vector<Photon>& out, PhotonCou
           turn = turned(turn, n, m);
           n = m;
         }
-        for (int i = 0; i < Beam::kSpatial; ++i) curvature = std::max(curvature, length(turn[i]));
-        counts.curved += curvature > kCurved;
+        for (int i = 0; i < Beam::kSpatial; ++i) {
+          const double curvature = length(turn[i]);
+          if (!(curvature > most_curvature) || next.relative < kLeastDivided) continue;
+          most_curvature = curvature;
+          curved_pair = i / 2;
+        }
         if (s.transmitted) {
           if (!(s.eta == 1) && !refract(n, turn, double(s.eta), next.beam)) {
             counts.absorbed_flux += flux;
@@ -519,8 +547,13 @@ void PhotonTracer::trace(std::int64_t index, std::vector<Photon>& out, PhotonCou
         } else {
           reflect(n, turn, next.beam);
         }
+        // Beyond what a linear change describes: a beam that is bent so strongly does not spread farther.
+        for (int i = 0; i < Beam::kSpatial; ++i) {
+          const double spread = length(next.beam.dw[i]);
+          if (spread > kMostSpread) next.beam.dw[i] *= kMostSpread / spread;
+        }
         if (!s.delta) {
-          const double beta = std::sqrt(4 * options_.overlap_of(b.photons) / kPiD) * double(next.width);
+          const double beta = std::sqrt(4 * options_.overlap_of(b.photons) / kPiD) * next.width;
           next.beam.w = normalize(Vec3d(s.wi));
           widen(std::min(beta / std::sqrt(double(b.photons) * double(s.pdf)), kMostSpread), next.beam);
         }
@@ -537,6 +570,29 @@ void PhotonTracer::trace(std::int64_t index, std::vector<Photon>& out, PhotonCou
       next.ray_from = rays.offset_origin(v.s.p, v.s.ng, Vec3f(next.beam.w));
       open.push_back(next);
     }
+    if (curved_pair >= 0 && level < kMostDivisions) break;
+  }
+  if (curved_pair < 0) return;
+  if (level == kMostDivisions) {
+    ++counts.curved;
+    return;
+  }
+  out.resize(stored_before);
+  counts = counts_before;
+  const int u = 2 * curved_pair, w = u + 1;
+  for (int k = 0; k < 4; ++k) {
+    Branch part = first;
+    Beam& beam = part.beam;
+    const double a = k & 1 ? 0.25 : -0.25, b = k & 2 ? 0.25 : -0.25;
+    beam.x += beam.dx[u] * a + beam.dx[w] * b;
+    beam.w = normalize(beam.w + beam.dw[u] * a + beam.dw[w] * b);
+    part.ray_from += Vec3f(beam.dx[u] * a + beam.dx[w] * b);
+    for (const int c : {u, w}) beam.dx[c] *= 0.5, beam.dw[c] *= 0.5;
+    for (Vec3d& d : beam.dw) d = d - beam.w * dot(beam.w, d);
+    part.flux *= 0.25f;
+    part.relative *= 0.25f;
+    part.salt = part.salt * 4 + std::uint64_t(k) + 1;
+    trace(part, stream, level + 1, out, counts, ray_count);
   }
 }
 

@@ -23,6 +23,7 @@ struct AimedLight {
   /// infinity) and by solid angle (1/sr); 1 for what a light has no choice of.
   double pdf_position = 1, pdf_direction = 1;
   bool delta_position = false, delta_direction = false, infinite = false;
+  double pivot = 0;  ///< distance from the start, m, at which light from infinity stays where it is if its direction turns
   /// Motion of the start and turn of the direction of light that leaves the light at the same place of it: m/s, rad/s.
   Vec3d velocity, turn;
 };

@@ -67,6 +67,8 @@ class PhotonTracer {
   void plan();
   SampleStream stream_of(const Share& share, std::int64_t i) const;
   std::optional<Branch> start(const Share& share, std::int64_t i, PhotonCounts& counts) const;
+  void trace(const Branch& first, const SampleStream& stream, int level, std::vector<Photon>& out, PhotonCounts& counts,
+             std::uint64_t& rays) const;
   void store(const Branch& b, const SurfaceFrame& f, const SurfacePoint& point, std::vector<Photon>& out,
              PhotonCounts& counts) const;
   double least_radius(const Vec3d& p) const;
