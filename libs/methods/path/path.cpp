@@ -12,7 +12,7 @@ namespace tempera {
 namespace {
 
 /// Who finds caustics, and how photons move.
-enum class Caustics : std::uint8_t { kPaths, kPhotons, kStillPhotons };
+enum class Caustics : std::uint8_t { kPaths, kPhotons, kStillPhotons, kDiscs };
 
 const std::vector<ParamSpec>& path_params() {
   static const std::vector<ParamSpec> specs = [] {
@@ -53,7 +53,7 @@ class PathMethod final : public Method {
     options_.clamp = float(p.get_double("clamp"));
     if (caustics == Caustics::kPaths) return;
     PhotonOptions photons(p);
-    photons.temporal = caustics == Caustics::kPhotons;
+    if (caustics != Caustics::kDiscs) photons.temporal = caustics == Caustics::kPhotons;
     photons_.emplace(photons, options_.max_depth);
   }
 
@@ -213,6 +213,15 @@ const std::vector<ParamSpec>& params() {
   static const std::vector<ParamSpec> specs = with_photons(true);
   return specs;
 }
+template <bool over_time>
+const std::vector<ParamSpec>& disc_params() {
+  static const std::vector<ParamSpec> specs = [] {
+    std::vector<ParamSpec> s = path_params();
+    for (const ParamSpec& p : PhotonOptions::disc_params(over_time)) s.push_back(p);
+    return s;
+  }();
+  return specs;
+}
 
 }  // namespace
 
@@ -232,5 +241,15 @@ extern const MethodEntry photon_differentials_entry;
 const MethodEntry photon_differentials_entry{
     "photon_differentials", "The same with photons that stand still in the middle of the exposure, to compare with",
     photon_params(), make<Caustics::kStillPhotons>};
+
+extern const MethodEntry photon_entry;
+const MethodEntry photon_entry{"photon",
+                               "Path tracing with caustics by a plain photon map, to compare with [Jensen 2001]",
+                               disc_params<false>(), make<Caustics::kDiscs>};
+
+extern const MethodEntry time_photon_entry;
+const MethodEntry time_photon_entry{
+    "time_photon", "The same with photons of several instants of the exposure, to compare with [Cammarano 2002]",
+    disc_params<true>(), make<Caustics::kDiscs>};
 
 }  // namespace tempera

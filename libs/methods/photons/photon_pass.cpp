@@ -43,9 +43,15 @@ void PhotonPass::begin(const SceneWindow& window, PhotonState& state) const {
   if (!state.tracers_.empty()) return;
   const FrameContext& frame = window.frame(window.section().first);
   bool casters = false;
-  for (const ExposurePiece& piece : exposure_pieces_of(frame)) {
-    state.tracers_.emplace_back(*piece.context, options_, piece.span, photons(window.settings()), max_depth_);
-    casters |= state.tracers_.back().has_casters();
+  const std::vector<ExposurePiece> pieces = exposure_pieces_of(frame);
+  for (std::size_t i = 0; i < pieces.size(); ++i) {
+    const auto sets = int(options_.instants_of(pieces[i].span).size());
+    for (int set = 0; set < sets; ++set) {
+      state.tracers_.emplace_back(*pieces[i].context, options_, pieces[i].span, set, photons(window.settings()) / sets,
+                                  max_depth_);
+      state.piece_of_.push_back(i);
+      casters |= state.tracers_.back().has_casters();
+    }
   }
   if (!casters) {
     std::call_once(warned_, [] {
@@ -102,13 +108,15 @@ void PhotonPass::begin_gather(const SceneWindow& window, PhotonState& state, int
   const FrameContext& frame = window.frame(window.section().first);
   state.light_ = std::make_unique<PhotonLight>(frame, 1u << class_bit);
   const std::vector<ExposurePiece> pieces = exposure_pieces_of(frame);
-  state.photons_.resize(pieces.size());
+  state.photons_.resize(state.tracers_.size());
   const bool instants = needs_instants(frame, window.settings().clock.exposure(frame.frame));
-  for (std::size_t i = 0; i < pieces.size(); ++i) {
-    const FrameContext& context = *pieces[i].context;
-    state.light_->add(PhotonMap(state.tracers_[i], std::move(state.photons_[i]), context.classifier, context.rays, instants));
+  for (std::size_t i = 0; i < state.tracers_.size(); ++i) {
+    const FrameContext& context = *pieces[state.piece_of_[i]].context;
+    state.light_->add(state.piece_of_[i], PhotonMap(state.tracers_[i], std::move(state.photons_[i]), context.classifier, context.rays, instants));
   }
   state.photons_.clear();
+  log(LogLevel::kDebug, fmt::format("frame {}: photons take {:.1f} MiB", frame.frame,
+                                    double(state.light_->memory()) / (1 << 20)));
 }
 
 }  // namespace tempera

@@ -20,8 +20,9 @@ class PhotonState final : public SectionState {
 
  private:
   friend class PhotonPass;
-  std::vector<PhotonTracer> tracers_;          // by piece of the exposure
-  std::vector<std::vector<Photon>> photons_;   // by piece, in the order of their numbers
+  std::vector<PhotonTracer> tracers_;         // of all instants of all pieces of the exposure
+  std::vector<std::size_t> piece_of_;         // by tracer
+  std::vector<std::vector<Photon>> photons_;  // by tracer, in the order of their numbers
   std::unique_ptr<PhotonLight> light_;
 };
 

@@ -10,6 +10,8 @@ namespace tempera {
 extern const MethodEntry path_entry;
 extern const MethodEntry gradient_path_entry;
 extern const MethodEntry temporal_gradient_path_entry;
+extern const MethodEntry photon_entry;
+extern const MethodEntry time_photon_entry;
 extern const MethodEntry photon_differentials_entry;
 extern const MethodEntry temporal_photon_entry;
 extern const MethodEntry light_path_entry;
@@ -19,6 +21,8 @@ std::span<const MethodEntry* const> method_catalog() {
       &path_entry,
       &gradient_path_entry,
       &temporal_gradient_path_entry,
+      &photon_entry,
+      &time_photon_entry,
       &photon_differentials_entry,
       &temporal_photon_entry,
       &light_path_entry,

@@ -178,6 +178,14 @@ void PhotonMap::gather(const Vertex& at, double t, int half, bool coarse, int mo
   for (GatheredLight::Arrival& a : out) a.wi = normalize(a.wi);
 }
 
+std::uint64_t PhotonLight::memory() const {
+  std::uint64_t bytes = 0;
+  for (const auto& piece : maps_) {
+    for (const auto& map : piece) bytes += map->memory();
+  }
+  return bytes;
+}
+
 std::size_t PhotonLight::piece_at(double time) const {
   std::size_t piece = 0;
   while (piece + 1 < frame_.pieces.size() && time >= frame_.pieces[piece + 1].rays.rays().begin) ++piece;
@@ -187,7 +195,19 @@ std::size_t PhotonLight::piece_at(double time) const {
 std::span<const GatheredLight::Arrival> PhotonLight::arriving(const Vertex& at, double time, int sample,
                                                               bool coarse, int most_edges) const {
   thread_local std::vector<Arrival> result;
-  maps_[piece_at(time)]->gather(at, time, frame_.settings.spp > 1 ? sample & 1 : -1, coarse, most_edges, result);
+  const auto& maps = maps_[piece_at(time)];
+  const int half = frame_.settings.spp > 1 ? sample & 1 : -1;
+  if (maps.size() == 1) {
+    maps[0]->gather(at, time, half, coarse, most_edges, result);
+    return result;
+  }
+  thread_local std::vector<Arrival> one;
+  result.clear();
+  for (const auto& map : maps) {
+    map->gather(at, time, half, coarse, most_edges, one);
+    for (Arrival& a : one) a.irradiance *= 1 / float(maps.size());
+    result.insert(result.end(), one.begin(), one.end());
+  }
   return result;
 }
 

@@ -8,6 +8,10 @@ namespace tempera {
 
 namespace {
 
+bool knows(const Params& p, const char* name) {
+  return std::any_of(p.specs().begin(), p.specs().end(), [&](const ParamSpec& s) { return s.name == name; });
+}
+
 template <class E>
 E chosen(const Params& p, const char* name) {
   for (const ParamSpec& s : p.specs()) {
@@ -46,14 +50,32 @@ const std::vector<ParamSpec>& PhotonOptions::params() {
   return specs;
 }
 
+std::vector<ParamSpec> PhotonOptions::disc_params(bool over_time) {
+  std::vector<ParamSpec> specs;
+  for (const ParamSpec& s : params()) {
+    if (s.name == "photons" || s.name == "photon_lights" || s.name == "kernel") specs.push_back(s);
+  }
+  specs.push_back({"radius", 0.0, "radius in metres of the discs that photons light; 0: 1.25 % of the scene's", 0, 1e6});
+  if (over_time) {
+    specs.push_back({"between", 2, "instants at which photons are traced beside the opening and the closing of the shutter",
+                     0, 1000});
+  }
+  return specs;
+}
+
 PhotonOptions::PhotonOptions(const Params& p)
-    : photons(p.get_int("photons")),
-      overlap(p.get_double("overlap")),
-      kernel(chosen<SpatialKernel>(p, "kernel")),
-      sweep(chosen<Sweep>(p, "sweep")),
-      filter(chosen<TimeFilter>(p, "time_filter")),
-      instant(chosen<PhotonInstant>(p, "instant")),
-      gauge(chosen<PhotonGauge>(p, "gauge")) {
+    : photons(p.get_int("photons")), kernel(chosen<SpatialKernel>(p, "kernel")), discs(knows(p, "radius")) {
+  if (discs) {
+    radius = p.get_double("radius");
+    temporal = false;
+    if (knows(p, "between")) between = p.get_int("between");
+  } else {
+    overlap = p.get_double("overlap");
+    sweep = chosen<Sweep>(p, "sweep");
+    filter = chosen<TimeFilter>(p, "time_filter");
+    instant = chosen<PhotonInstant>(p, "instant");
+    gauge = chosen<PhotonGauge>(p, "gauge");
+  }
   const std::string& names = p.get_string("photon_lights");
   for (std::size_t at = 0; at < names.size();) {
     const std::size_t end = std::min(names.find(',', at), names.size());
@@ -68,14 +90,19 @@ double PhotonOptions::overlap_of(std::int64_t n) const {
   return overlap > 0 ? overlap : std::min(9 * std::sqrt(std::max(1.0, double(n) / 1000)), 36.0);
 }
 
-double PhotonOptions::instant_of(const TimeSpan& exposure) const {
+std::vector<double> PhotonOptions::instants_of(const TimeSpan& exposure) const {
+  if (between >= 0) {
+    std::vector<double> all;
+    for (int i = 0; i < between + 2; ++i) all.push_back(exposure.begin + exposure.length() * i / (between + 1));
+    return all;
+  }
   switch (instant) {
     case PhotonInstant::kOpen:
-      return exposure.begin;
+      return {exposure.begin};
     case PhotonInstant::kClose:
-      return exposure.end;
+      return {exposure.end};
     default:
-      return 0.5 * (exposure.begin + exposure.end);
+      return {0.5 * (exposure.begin + exposure.end)};
   }
 }
 

@@ -22,6 +22,8 @@ constexpr double kLeastOverlap = 4;
 constexpr double kMostRadius = 0.025, kMostSweep = 0.1;
 /// Smallest one where the pixels do not say it, of the diameter.
 constexpr double kLeastRadius = 2e-4;
+/// Of the radius of the scene, for discs.
+constexpr double kDiscRadius = 0.0125;
 constexpr double kGrazing = 1e-4;
 /// Change of the normal over a beam from which on it is no longer nearly linear: half of it to each side.
 constexpr double kCurved = 1;
@@ -159,12 +161,13 @@ struct PhotonTracer::Branch {
   std::uint8_t half = 0;
 };
 
-PhotonTracer::PhotonTracer(const FrameContext& piece, const PhotonOptions& options, TimeSpan exposure,
+PhotonTracer::PhotonTracer(const FrameContext& piece, const PhotonOptions& options, TimeSpan exposure, int set,
                            std::int64_t photons, int max_depth)
     : context_(piece),
       options_(options),
       exposure_(exposure),
-      instant_(options.instant_of(exposure)),
+      set_(set),
+      instant_(options.instants_of(exposure)[set]),
       kernel_{options.kernel, options.sweep, options.filter, 0, 0},
       photons_(photons),
       max_depth_(max_depth),
@@ -258,8 +261,8 @@ void PhotonTracer::plan() {
 /// stream's even numbers are one net, those of the odd ones another.
 SampleStream PhotonTracer::stream_of(const Share& share, std::int64_t i) const {
   const RenderSettings& s = context_.settings;
-  return {s.sampler, s.seed, stream_number(StreamPurpose::kLight, 0), int(share.light), share.part,
-          std::uint32_t(halves_ ? i : 2 * i)};
+  return {s.sampler, s.seed, stream_number(StreamPurpose::kLight, 0), int(share.light),
+          share.part + set_ * (int(LightAim::kMaxTargets) + 1), std::uint32_t(halves_ ? i : 2 * i)};
 }
 
 std::optional<PhotonTracer::Branch> PhotonTracer::start(const Share& share, std::int64_t i,
@@ -276,7 +279,7 @@ std::optional<PhotonTracer::Branch> PhotonTracer::start(const Share& share, std:
   b.photons = lamp.photons;
   b.half = std::uint8_t(halves_ ? i & 1 : 0);
   // The first eighth of a part, whole pairs of the two halves.
-  const std::int64_t few = share.count / (2 * kFew) * 2;
+  const std::int64_t few = options_.discs ? share.count : share.count / (2 * kFew) * 2;
   if (i < std::max(few, std::min<std::int64_t>(share.count, 2)))
     b.coarse_scale = float(double(share.count) / double(std::max(few, std::min<std::int64_t>(share.count, 2))));
   b.beam.x = e->p, b.beam.w = e->w;
@@ -324,6 +327,12 @@ void PhotonTracer::store(const Branch& b, const SurfaceFrame& f, const SurfacePo
     slip = {};
     rate = 0;
     clamped = true;
+  }
+  if (options_.discs) {
+    const double r = options_.radius > 0 ? options_.radius : kDiscRadius * 0.5 * diameter_;
+    axes = footprint_axes({}, n, r, r);
+    slip = {};
+    rate = 0;
   }
   const double span = kernel_.end - kernel_.begin, way = length(slip) * span, limit = kMostSweep * diameter_;
   if (way > limit) slip *= limit / way, clamped = true;
@@ -535,7 +544,7 @@ void PhotonTracer::trace(const Branch& first, const SampleStream& stream, int le
         }
         for (int i = 0; i < Beam::kSpatial; ++i) {
           const double curvature = length(turn[i]);
-          if (!(curvature > most_curvature) || next.relative < kLeastDivided) continue;
+          if (!(curvature > most_curvature) || next.relative < kLeastDivided || options_.discs) continue;
           most_curvature = curvature;
           curved_pair = i / 2;
         }

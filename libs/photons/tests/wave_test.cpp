@@ -111,7 +111,7 @@ Result measure(double speed, double exposure, bool trailing, int photons, double
   const TimeSpan span = settings.clock.exposure(0);
   const double sent_to = 2 * kHalfSize * (2 * kHalfSize + speed * exposure);
   const auto count = std::int64_t(photons / 0.91 * sent_to / sqr(2 * kEmitted));
-  const PhotonTracer tracer(frame.context(), options, span, count, 100);
+  const PhotonTracer tracer(frame.context(), options, span, 0, count, 100);
   std::vector<Photon> stored;
   PhotonCounts counts;
   std::uint64_t rays = 0;

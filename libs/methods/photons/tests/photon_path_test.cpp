@@ -231,6 +231,24 @@ TEST(Photons, HalvesAreIndependent) {
   EXPECT_NEAR(told / seen, 1, 0.3);
 }
 
+// What they are compared with blurs more, and holds the same light.
+TEST(Photons, OfPlainMapsHoldTheSameLight) {
+  const auto caustics = [](const char* integrator, const char* parameters) {
+    BoxShot shot = moving_glass();
+    shot.settings.spp = 16;
+    shot.settings.classes = {{"caustics", kPhotonPaths}};
+    shot.integrator = integrator;
+    shot.parameters += parameters;
+    const Image image = shot.render(1).layer("class.caustics.color");
+    double sum = 0;
+    for (const float v : image.values()) sum += double(v);
+    return sum;
+  };
+  const double expected = caustics("temporal_photon", ",photons=50000");
+  EXPECT_NEAR(caustics("photon", ",photons=50000,radius=0.05") / expected, 1, 0.05);
+  EXPECT_NEAR(caustics("time_photon", ",photons=50000,radius=0.05,between=6") / expected, 1, 0.03);
+}
+
 TEST(Photons, ChoiceOfLightsLeavesTheOthersToPaths) {
   BoxShot shot = BoxShot(kWhite, glass()).area_light();
   shot.settings.spp = 128;

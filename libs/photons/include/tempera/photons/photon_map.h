@@ -54,11 +54,15 @@ class PhotonLight final : public GatheredLight {
  public:
   /// `classes`: the bit of kPhotonPaths in the frame's classifier.
   PhotonLight(const FrameContext& frame, std::uint32_t classes) : frame_(frame), classes_(classes) {}
-  void add(PhotonMap map) { maps_.push_back(std::make_unique<PhotonMap>(std::move(map))); }
-  const PhotonMap& map(std::size_t piece) const { return *maps_[piece]; }
+  /// Adds a map of piece `piece` of the exposure, the last one or the next. Several of one piece count in their mean.
+  void add(std::size_t piece, PhotonMap map) {
+    maps_.resize(piece + 1);
+    maps_[piece].push_back(std::make_unique<PhotonMap>(std::move(map)));
+  }
+  std::uint64_t memory() const;
 
   std::uint32_t classes() const override { return classes_; }
-  std::span<const char> lights(double time) const override { return maps_[piece_at(time)]->lights(); }
+  std::span<const char> lights(double time) const override { return maps_[piece_at(time)][0]->lights(); }
   std::span<const Arrival> arriving(const Vertex& at, double time, int sample, bool coarse,
                                     int most_edges) const override;
 
@@ -66,7 +70,7 @@ class PhotonLight final : public GatheredLight {
   std::size_t piece_at(double time) const;
   const FrameContext& frame_;
   std::uint32_t classes_;
-  std::vector<std::unique_ptr<PhotonMap>> maps_;
+  std::vector<std::vector<std::unique_ptr<PhotonMap>>> maps_;  // by piece
 };
 
 /// The pieces of a frame's exposure, each with its span: one if nothing jumps.

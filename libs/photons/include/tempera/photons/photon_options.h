@@ -27,19 +27,24 @@ struct PhotonOptions {
   TimeFilter filter = TimeFilter::kBox;
   PhotonInstant instant = PhotonInstant::kMiddle;
   PhotonGauge gauge = PhotonGauge::kMatter;
+  bool discs = false;    ///< footprints are discs of one radius: plain photon mapping
+  double radius = 0;     ///< of discs, m; 0: 1.25 % of the radius of the scene
+  int between = -1;      ///< discs are traced when the shutter opens, closes and so many times between; -1: at the instant alone
   bool temporal = true;  ///< footprints move while the shutter is open; false: they stand where they are at the instant
 
   /// The parameters that set these, for tables of methods.
   static const std::vector<ParamSpec>& params();
-  /// From parameters with those specifications; `temporal` is true if they say nothing of motion.
+  /// The same for plain photon mapping, and for photons of several instants. [Jensen 2001; Cammarano 2002]
+  static std::vector<ParamSpec> disc_params(bool over_time);
+  /// From parameters of one of those tables.
   explicit PhotonOptions(const Params& p);
   PhotonOptions() = default;
 
   /// Footprints over a point of the light of a lamp that emits n photons: area and number shrink and grow together, so that
   /// both bias and noise fall.
   double overlap_of(std::int64_t n) const;
-  /// The instant within an exposure, s.
-  double instant_of(const TimeSpan& exposure) const;
+  /// The instants within an exposure at which photons are traced, s.
+  std::vector<double> instants_of(const TimeSpan& exposure) const;
 };
 
 }  // namespace tempera

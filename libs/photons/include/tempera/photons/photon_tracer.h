@@ -33,9 +33,10 @@ std::vector<Bounds3f> find_casters(const RayScene& rays, TimeSpan span);
 /// Photons of one piece of an exposure, all traced at one instant. Threads: const and re-entrant.
 class PhotonTracer {
  public:
-  /// `exposure`: of the piece, `piece`: its context. Both must outlive this.
-  PhotonTracer(const FrameContext& piece, const PhotonOptions& options, TimeSpan exposure, std::int64_t photons,
-               int max_depth);
+  /// `exposure`: of the piece, `piece`: its context, which must outlive this. `set`: the which of the instants of the
+  /// exposure (PhotonOptions::instants_of); each has photons of its own.
+  PhotonTracer(const FrameContext& piece, const PhotonOptions& options, TimeSpan exposure, int set,
+               std::int64_t photons, int max_depth);
 
   bool has_casters() const { return !casters_.empty(); }
   double instant() const { return instant_; }
@@ -76,6 +77,7 @@ class PhotonTracer {
   const FrameContext& context_;
   PhotonOptions options_;
   TimeSpan exposure_;
+  int set_;
   double instant_;
   KernelSettings kernel_;
   std::int64_t photons_;
