@@ -73,7 +73,9 @@ BoxIndex::BoxIndex(std::span<const Bounds3f> boxes) {
     const Bounds3f& b = boxes[i];
     if (!(b.lo.x <= b.hi.x && b.lo.y <= b.hi.y && b.lo.z <= b.hi.z)) continue;
     constexpr float kFar = 1e30f;
-    const auto middle = [&](float lo, float hi) { return 0.5f * std::clamp(lo, -kFar, kFar) + 0.5f * std::clamp(hi, -kFar, kFar); };
+    const auto middle = [&](float lo, float hi) {
+      return 0.5f * std::clamp(lo, -kFar, kFar) + 0.5f * std::clamp(hi, -kFar, kFar);
+    };
     entries.push_back({{middle(b.lo.x, b.hi.x), middle(b.lo.y, b.hi.y), middle(b.lo.z, b.hi.z)}, std::int32_t(i)});
   }
   if (entries.empty()) return;
@@ -85,7 +87,8 @@ BoxIndex::BoxIndex(std::span<const Bounds3f> boxes) {
   int slot = 0;
   for (auto first = entries.begin(); first != entries.end();) {
     const int size = size_class(boxes[first->index]);
-    const auto last = std::find_if(first, entries.end(), [&](const Entry& e) { return size_class(boxes[e.index]) != size; });
+    const auto last =
+        std::find_if(first, entries.end(), [&](const Entry& e) { return size_class(boxes[e.index]) != size; });
     if (slot == kWidth - 1 && last != entries.end()) {
       const std::int32_t more = add_node();
       for (int a = 0; a < 3; ++a) nodes_[roots].lo[a][slot] = -kInfinity, nodes_[roots].hi[a][slot] = kInfinity;
@@ -95,6 +98,7 @@ BoxIndex::BoxIndex(std::span<const Bounds3f> boxes) {
     fill(roots, slot++, {first, last}, boxes);
     first = last;
   }
+  nodes_.shrink_to_fit();
 }
 
 }  // namespace tempera

@@ -36,8 +36,12 @@ const std::vector<ParamSpec>& path_params() {
 std::vector<ParamSpec> with_photons(bool choice) {
   std::vector<ParamSpec> s = path_params();
   if (choice) {
-    s.push_back({"caustics", std::string("paths"), "who finds light that mirrors and glass focus on diffuse surfaces",
-                 -1e300, 1e300, {"paths", "photons"}});
+    s.push_back({"caustics",
+                 std::string("paths"),
+                 "who finds light that mirrors and glass focus on diffuse surfaces",
+                 -1e300,
+                 1e300,
+                 {"paths", "photons"}});
   }
   for (const ParamSpec& p : PhotonOptions::params()) s.push_back(p);
   return s;
@@ -226,11 +230,11 @@ const std::vector<ParamSpec>& disc_params() {
 }  // namespace
 
 extern const MethodEntry path_entry;
-const MethodEntry path_entry{
-    "path", "Path tracing with next-event estimation and multiple importance sampling", params(),
-    [](const Params& p) -> std::unique_ptr<Method> {
-      return std::make_unique<PathMethod>(p, p.get_string("caustics") == "photons" ? Caustics::kPhotons : Caustics::kPaths);
-    }};
+const MethodEntry path_entry{"path", "Path tracing with next-event estimation and multiple importance sampling",
+                             params(), [](const Params& p) -> std::unique_ptr<Method> {
+                               return std::make_unique<PathMethod>(
+                                   p, p.get_string("caustics") == "photons" ? Caustics::kPhotons : Caustics::kPaths);
+                             }};
 
 extern const MethodEntry temporal_photon_entry;
 const MethodEntry temporal_photon_entry{

@@ -55,7 +55,8 @@ void PhotonPass::begin(const SceneWindow& window, PhotonState& state) const {
   }
   if (!casters) {
     std::call_once(warned_, [] {
-      log_warning("photons: no surface of the scene reflects or refracts light sharply, so there are no caustics to find");
+      log_warning(
+          "photons: no surface of the scene reflects or refracts light sharply, so there are no caustics to find");
     });
   }
 }
@@ -96,10 +97,11 @@ void PhotonPass::end(const SceneWindow& window, PhotonState& state, const PassRe
   }
   const double whole = std::max(counts.emitted_flux, 1e-300);
   log(LogLevel::kInfo,
-      fmt::format("frame {}: {} photons emitted, {} stored; of their flux {:.3g} % arrived, {:.3g} % escaped, {:.3g} % was "
-                  "absorbed; {} footprints limited, {} photons bent strongly",
-                  window.section().first, counts.emitted, counts.stored, 100 * counts.stored_flux / whole,
-                  100 * counts.escaped_flux / whole, 100 * counts.absorbed_flux / whole, counts.clamped, counts.curved));
+      fmt::format(
+          "frame {}: {} photons emitted, {} stored; of their flux {:.3g} % arrived, {:.3g} % escaped, {:.3g} % was "
+          "absorbed; {} footprints limited, {} photons bent strongly",
+          window.section().first, counts.emitted, counts.stored, 100 * counts.stored_flux / whole,
+          100 * counts.escaped_flux / whole, 100 * counts.absorbed_flux / whole, counts.clamped, counts.curved));
 }
 
 void PhotonPass::begin_gather(const SceneWindow& window, PhotonState& state, int class_bit) const {
@@ -112,11 +114,12 @@ void PhotonPass::begin_gather(const SceneWindow& window, PhotonState& state, int
   const bool instants = needs_instants(frame, window.settings().clock.exposure(frame.frame));
   for (std::size_t i = 0; i < state.tracers_.size(); ++i) {
     const FrameContext& context = *pieces[state.piece_of_[i]].context;
-    state.light_->add(state.piece_of_[i], PhotonMap(state.tracers_[i], std::move(state.photons_[i]), context.classifier, context.rays, instants));
+    state.light_->add(state.piece_of_[i], PhotonMap(state.tracers_[i], std::move(state.photons_[i]), context.classifier,
+                                                    context.rays, instants));
   }
   state.photons_.clear();
-  log(LogLevel::kDebug, fmt::format("frame {}: photons take {:.1f} MiB", frame.frame,
-                                    double(state.light_->memory()) / (1 << 20)));
+  log(LogLevel::kDebug,
+      fmt::format("frame {}: photons take {:.1f} MiB", frame.frame, double(state.light_->memory()) / (1 << 20)));
 }
 
 }  // namespace tempera

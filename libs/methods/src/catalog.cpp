@@ -18,14 +18,8 @@ extern const MethodEntry light_path_entry;
 
 std::span<const MethodEntry* const> method_catalog() {
   static const MethodEntry* const entries[] = {
-      &path_entry,
-      &gradient_path_entry,
-      &temporal_gradient_path_entry,
-      &photon_entry,
-      &time_photon_entry,
-      &photon_differentials_entry,
-      &temporal_photon_entry,
-      &light_path_entry,
+      &path_entry,        &gradient_path_entry,        &temporal_gradient_path_entry, &photon_entry,
+      &time_photon_entry, &photon_differentials_entry, &temporal_photon_entry,        &light_path_entry,
   };
   return entries;
 }

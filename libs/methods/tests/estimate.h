@@ -66,7 +66,8 @@ inline testing::AssertionResult agree(const Estimate& a, const Estimate& b, doub
   const double mean_block = std::accumulate(b.mean.begin(), b.mean.end(), 0.0) / double(b.mean.size());
   for (std::size_t i = 0; i < a.mean.size(); ++i) {
     const double whole = a.mean[i] - b.mean[i];
-    const double d = std::copysign(std::max(std::abs(whole) - bias * b.mean[i], 0.0), whole), v = a.variance[i] + b.variance[i] + sqr(1e-5 * (a.mean[i] + 1e-3));
+    const double d = std::copysign(std::max(std::abs(whole) - bias * b.mean[i], 0.0), whole),
+                 v = a.variance[i] + b.variance[i] + sqr(1e-5 * (a.mean[i] + 1e-3));
     difference += whole;
     variance += v;
     total += b.mean[i];

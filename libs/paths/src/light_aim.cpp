@@ -197,7 +197,8 @@ std::optional<AimedLight> LightAim::emit(int part, std::span<const double> share
     const Vec3f w = send(
         Vec3f(f.p),
         [&] {
-          if (emission.spot) return sample_cone(s.spot_axis(*emission.spot, t_), s.cone_of_spot(emission, t_), direction);
+          if (emission.spot)
+            return sample_cone(s.spot_axis(*emission.spot, t_), s.cone_of_spot(emission, t_), direction);
           Vec2f u = direction;
           bool back = false;
           if (emission.two_sided) {

@@ -8,7 +8,7 @@ namespace tempera {
 
 namespace {
 
-constexpr float kGaussianReach = 1.5f;     // of y
+constexpr float kGaussianReach = 1.5f;          // of y
 constexpr float kGaussianWithin = 0.98889101f;  // 1 - exp(-3 * 1.5)
 /// Sweeps shorter than this in filter space stand still.
 constexpr float kLeastSweep = 1e-3f;

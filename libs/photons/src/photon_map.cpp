@@ -192,8 +192,8 @@ std::size_t PhotonLight::piece_at(double time) const {
   return piece;
 }
 
-std::span<const GatheredLight::Arrival> PhotonLight::arriving(const Vertex& at, double time, int sample,
-                                                              bool coarse, int most_edges) const {
+std::span<const GatheredLight::Arrival> PhotonLight::arriving(const Vertex& at, double time, int sample, bool coarse,
+                                                              int most_edges) const {
   thread_local std::vector<Arrival> result;
   const auto& maps = maps_[piece_at(time)];
   const int half = frame_.settings.spp > 1 ? sample & 1 : -1;

@@ -26,26 +26,48 @@ E chosen(const Params& p, const char* name) {
 
 const std::vector<ParamSpec>& PhotonOptions::params() {
   static const std::vector<ParamSpec> specs = {
-      {"photons", 0, "photons that the lights of a frame emit towards what focuses light; 0: as many as go with the samples",
-       0, 1e8},
-      {"photon_lights", std::string(), "names of the lights that emit photons, separated by commas; empty: all lamps, and environments whose light comes from "
+      {"photons", 0,
+       "photons that the lights of a frame emit towards what focuses light; 0: as many as go with the samples", 0, 1e8},
+      {"photon_lights", std::string(),
+       "names of the lights that emit photons, separated by commas; empty: all lamps, and environments whose light "
+       "comes from "
        "few directions"},
       {"overlap", 0.0, "footprints of photons over a point where light is not focused; 0: by the number of photons", 0,
        1e4},
-      {"kernel", std::string("epanechnikov"), "how a photon's light is spread over its footprint", -1e300, 1e300,
+      {"kernel",
+       std::string("epanechnikov"),
+       "how a photon's light is spread over its footprint",
+       -1e300,
+       1e300,
        {"uniform", "epanechnikov", "biweight", "gaussian"}},
-      {"sweep", std::string("line"),
-       "how moving footprints stand for the exposure: their exact mean, the nearest place of their way in the space of the "
+      {"sweep",
+       std::string("line"),
+       "how moving footprints stand for the exposure: their exact mean, the nearest place of their way in the space of "
+       "the "
        "kernel, or that in the world as published",
-       -1e300, 1e300, {"line", "clamped", "published"}},
-      {"time_filter", std::string("box"), "how light counts from the photons' instant on", -1e300, 1e300,
+       -1e300,
+       1e300,
+       {"line", "clamped", "published"}},
+      {"time_filter",
+       std::string("box"),
+       "how light counts from the photons' instant on",
+       -1e300,
+       1e300,
        {"box", "decay"}},
-      {"instant", std::string("middle"), "the instant of the exposure at which photons are traced", -1e300, 1e300,
+      {"instant",
+       std::string("middle"),
+       "the instant of the exposure at which photons are traced",
+       -1e300,
+       1e300,
        {"middle", "open", "close"}},
-      {"gauge", std::string("matter"),
-       "what photons stay with as time passes: the matter that they meet first, or their place and direction at the light "
+      {"gauge",
+       std::string("matter"),
+       "what photons stay with as time passes: the matter that they meet first, or their place and direction at the "
+       "light "
        "as published",
-       -1e300, 1e300, {"matter", "emission"}},
+       -1e300,
+       1e300,
+       {"matter", "emission"}},
   };
   return specs;
 }
@@ -55,10 +77,12 @@ std::vector<ParamSpec> PhotonOptions::disc_params(bool over_time) {
   for (const ParamSpec& s : params()) {
     if (s.name == "photons" || s.name == "photon_lights" || s.name == "kernel") specs.push_back(s);
   }
-  specs.push_back({"radius", 0.0, "radius in metres of the discs that photons light; 0: 1.25 % of the scene's", 0, 1e6});
+  specs.push_back(
+      {"radius", 0.0, "radius in metres of the discs that photons light; 0: 1.25 % of the scene's", 0, 1e6});
   if (over_time) {
-    specs.push_back({"between", 2, "instants at which photons are traced beside the opening and the closing of the shutter",
-                     0, 1000});
+    specs.push_back({"between", 2,
+                     "instants at which photons are traced beside the opening and the closing of the shutter", 0,
+                     1000});
   }
   return specs;
 }

@@ -261,8 +261,12 @@ void PhotonTracer::plan() {
 /// stream's even numbers are one net, those of the odd ones another.
 SampleStream PhotonTracer::stream_of(const Share& share, std::int64_t i) const {
   const RenderSettings& s = context_.settings;
-  return {s.sampler, s.seed, stream_number(StreamPurpose::kLight, 0), int(share.light),
-          share.part + set_ * (int(LightAim::kMaxTargets) + 1), std::uint32_t(halves_ ? i : 2 * i)};
+  return {s.sampler,
+          s.seed,
+          stream_number(StreamPurpose::kLight, 0),
+          int(share.light),
+          share.part + set_ * (int(LightAim::kMaxTargets) + 1),
+          std::uint32_t(halves_ ? i : 2 * i)};
 }
 
 std::optional<PhotonTracer::Branch> PhotonTracer::start(const Share& share, std::int64_t i,
@@ -361,7 +365,8 @@ Beam::Columns perturbed_normal_change(const RayScene& rays, const Vertex& v, con
                                       const MatterChange& change, int frame_lobe, double t) {
   const Vec3f n = v.bsdf.frame(frame_lobe).n;
   double du = 0, dv = 0;
-  for (int i = 0; i < Beam::kSpatial; ++i) du = std::max(du, std::abs(change.u[i])), dv = std::max(dv, std::abs(change.v[i]));
+  for (int i = 0; i < Beam::kSpatial; ++i)
+    du = std::max(du, std::abs(change.u[i])), dv = std::max(dv, std::abs(change.v[i]));
   const auto slope = [&](double step, bool along_v) -> Vec3d {
     if (!(step > 0)) return {};
     const float h = float(std::clamp(0.25 * step, 1e-4, 0.1));
@@ -500,8 +505,9 @@ void PhotonTracer::trace(const Branch& first, const SampleStream& stream, int le
       }
       if (next.relative < kLeastFlux) {
         const float q = next.relative / kLeastFlux;
-        const float number = to_unit_float(std::uint32_t(
-            mix64((std::uint64_t(stream.hash()) + (b.salt << 32)) * 0x9e3779b97f4a7c15ull + traced * kOpen + std::uint64_t(k))));
+        const float number =
+            to_unit_float(std::uint32_t(mix64((std::uint64_t(stream.hash()) + (b.salt << 32)) * 0x9e3779b97f4a7c15ull +
+                                              traced * kOpen + std::uint64_t(k))));
         if (!(number < q)) {
           counts.absorbed_flux += flux;
           continue;
@@ -532,7 +538,8 @@ void PhotonTracer::trace(const Branch& first, const SampleStream& stream, int le
           own = -own;
           for (Vec3d& d : turn) d = -d;
         }
-        if (s.delta && dot(n, own) < 1 - 1e-7) turn = perturbed_normal_change(rays, v, f, matter_change(f, next.beam), s.lobe, t);
+        if (s.delta && dot(n, own) < 1 - 1e-7)
+          turn = perturbed_normal_change(rays, v, f, matter_change(f, next.beam), s.lobe, t);
         if (s.delta && dot(n, own) >= 1 - 1e-7) n = own;
         if (!s.delta) {
           const Vec3d wi(s.wi), wo(wl);

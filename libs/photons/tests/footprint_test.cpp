@@ -42,7 +42,8 @@ TEST(Footprint, KernelsHoldTheirFlux) {
     }
     EXPECT_NEAR(plane, kPiD, 1e-3);
     double mean = 0;
-    for (int i = 0; i < kSteps; ++i) mean += time_weight(TimeFilter::kDecay, kernel, (float(i) + 0.5f) / kSteps) / kSteps;
+    for (int i = 0; i < kSteps; ++i)
+      mean += time_weight(TimeFilter::kDecay, kernel, (float(i) + 0.5f) / kSteps) / kSteps;
     EXPECT_NEAR(mean, 1, 1e-3);
   }
 }

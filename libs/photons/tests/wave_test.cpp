@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kAmplitude = 0.05, kWavelength = 1, kHeight = 2, kIndex = 1.33;
 constexpr double kHalfSize = 1.5, kEmitted = 1.25;  // of the mesh, and of the square that counts in the paper
-constexpr int kCells = 200;                          // over [-1,1]
+constexpr int kCells = 200;                         // over [-1,1]
 
 double wave_number() { return 2 * kPiD / kWavelength; }
 double height(double x) { return kHeight + kAmplitude * std::sin(wave_number() * x); }
@@ -72,7 +72,8 @@ Result measure(double speed, double exposure, bool trailing, int photons, double
   motion.keyed = true;
   motion.translation = {{-4, 4}, {Vec3d{-4 * speed, 0, 0}, Vec3d{4 * speed, 0, 0}}, Interpolation::kLinear};
   scene.nodes.push_back({-1, motion, "wave", 1.0f});
-  scene.nodes.push_back({-1, AnimatedTransform(Affine3d(look_at(Vec3f{0, 0, 3}, Vec3f{0, 0, 0}, Vec3f{0, 1, 0}))), "light", 1.0f});
+  scene.nodes.push_back(
+      {-1, AnimatedTransform(Affine3d(look_at(Vec3f{0, 0, 3}, Vec3f{0, 0, 0}, Vec3f{0, 1, 0}))), "light", 1.0f});
   const auto add = [&](Mesh mesh, MaterialPtr material, int node) {
     scene.shapes.push_back({std::move(mesh), std::move(material), std::nullopt, "", ""});
     scene.groups.push_back({int(scene.shapes.size()) - 1});
@@ -132,7 +133,8 @@ Result measure(double speed, double exposure, bool trailing, int photons, double
     for (int i = 0; i < kCells; ++i) {
       double e = 0;
       for (int k = 0; k < 4; ++k) {
-        v.s.p = Vec3f(Vec3d{-1 + (i + 0.25 + 0.5 * (k & 1)) * 2 / kCells, -1 + (j + 0.25 + 0.5 * (k >> 1)) * 2 / kRows, 0});
+        v.s.p =
+            Vec3f(Vec3d{-1 + (i + 0.25 + 0.5 * (k & 1)) * 2 / kCells, -1 + (j + 0.25 + 0.5 * (k >> 1)) * 2 / kRows, 0});
         map.gather(v, 0.5 * (span.begin + span.end), -1, false, 100, arrivals);
         for (const auto& a : arrivals) e += double(a.irradiance.g) / 4;
       }
@@ -149,13 +151,17 @@ struct Row {
 
 // Errors of a prototype with jittered photons, which ours, better spread, do not exceed.
 TEST(Wave, ErrorsOfAThousandPhotons) {
-  for (const Row& row : {Row{1.0 / 12, 0.144, 0.128, 0.140}, {0.5, 0.129, 0.119, 0.109}, {1, 0.147, 0.121, 0.097}, {1.75, 0.195, 0.129, 0.082}}) {
+  for (const Row& row : {Row{1.0 / 12, 0.144, 0.128, 0.140},
+                         {0.5, 0.129, 0.119, 0.109},
+                         {1, 0.147, 0.121, 0.097},
+                         {1.75, 0.195, 0.129, 0.082}}) {
     const auto error = [&](bool trailing, PhotonGauge gauge) {
       const Result r = measure(0.1, row.exposure, trailing, 1024, 9, gauge);
       EXPECT_NEAR(r.mean, 1, 0.015);
       return r.error;
     };
-    const double a = error(true, PhotonGauge::kEmission), b = error(false, PhotonGauge::kEmission), c = error(true, PhotonGauge::kMatter);
+    const double a = error(true, PhotonGauge::kEmission), b = error(false, PhotonGauge::kEmission),
+                 c = error(true, PhotonGauge::kMatter);
     EXPECT_LT(a, 1.1 * row.emission_trailing);
     EXPECT_LT(b, 1.1 * row.emission_middle);
     EXPECT_LT(c, 1.1 * row.matter_trailing);

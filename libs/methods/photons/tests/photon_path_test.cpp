@@ -49,9 +49,7 @@ Estimates estimates(BoxShot shot, int frame) {
     shot.settings.seed = std::uint64_t(seed);
     frames.push_back(shot.render(frame));
   }
-  const auto of = [&](const char* layer) {
-    return estimate([&](int seed) { return frames[seed - 1].layer(layer); });
-  };
+  const auto of = [&](const char* layer) { return estimate([&](int seed) { return frames[seed - 1].layer(layer); }); };
   return {of("color"), of("class.caustics.color")};
 }
 
@@ -74,41 +72,40 @@ TEST_P(PhotonsAgreeWithPath, InEveryBlock) { expect_agreement(GetParam().make(),
 
 INSTANTIATE_TEST_SUITE_P(
     , PhotonsAgreeWithPath,
-    testing::Values(
-        Case{"glass_ball", [] { return BoxShot(kWhite, glass()).area_light(); }},
-        Case{"sun_of_4_degrees", [] { return sun(BoxShot(kWhite, glass()), 4); }},
-        Case{"glossy_floor", [] { return BoxShot(metal(0.3f), glass()).area_light(); }},
-        Case{"mirror_floor", [] { return BoxShot(metal(0), glass()).area_light(); }},
-        Case{"coated_floor", [] { return BoxShot(plastic(), metal(0)).area_light(); }},
-        Case{"coated_ball", [] { return BoxShot(kWhite, plastic()).area_light(); }},
-        Case{"sharp_metal", [] { return BoxShot(kWhite, metal(0.05f)).area_light(); }},
-        Case{"masked_ball", [] { return BoxShot(kWhite, make_mask(0.6f, glass())).area_light(); }},
-        Case{"pane",
-             [] {
-               BoxShot shot = BoxShot(kWhite, metal(0)).area_light();
-               DielectricParams p;
-               p.thin = true;
-               shot.add(quad({0.1f, 0.3f, 0.1f}, {0.5f, 0.1f, 0}, {0, 0, 0.5f}), make_dielectric(p));
-               return shot;
-             }},
-        Case{"flat_ball_of_a_coarse_mesh",
-             [] {
-               BoxShot shot = BoxShot(kWhite, nullptr).coarse(glass()).area_light();
-               shot.scene.bend_normals = false;
-               return shot;
-             }},
-        Case{"environment_with_a_sun",
-             [] {
-               BoxShot shot(kWhite, glass());
-               Environment e;
-               e.width = 32, e.height = 16;
-               e.image.assign(512, Rgb(0.1f));
-               e.image[4 * 32 + 9] = Rgb(200.0f);
-               shot.scene.environments.push_back(e);
-               return shot;
-             },
-             512},
-        Case{"sky_is_left_to_paths", [] { return BoxShot(kWhite, glass()).sky().area_light(); }}),
+    testing::Values(Case{"glass_ball", [] { return BoxShot(kWhite, glass()).area_light(); }},
+                    Case{"sun_of_4_degrees", [] { return sun(BoxShot(kWhite, glass()), 4); }},
+                    Case{"glossy_floor", [] { return BoxShot(metal(0.3f), glass()).area_light(); }},
+                    Case{"mirror_floor", [] { return BoxShot(metal(0), glass()).area_light(); }},
+                    Case{"coated_floor", [] { return BoxShot(plastic(), metal(0)).area_light(); }},
+                    Case{"coated_ball", [] { return BoxShot(kWhite, plastic()).area_light(); }},
+                    Case{"sharp_metal", [] { return BoxShot(kWhite, metal(0.05f)).area_light(); }},
+                    Case{"masked_ball", [] { return BoxShot(kWhite, make_mask(0.6f, glass())).area_light(); }},
+                    Case{"pane",
+                         [] {
+                           BoxShot shot = BoxShot(kWhite, metal(0)).area_light();
+                           DielectricParams p;
+                           p.thin = true;
+                           shot.add(quad({0.1f, 0.3f, 0.1f}, {0.5f, 0.1f, 0}, {0, 0, 0.5f}), make_dielectric(p));
+                           return shot;
+                         }},
+                    Case{"flat_ball_of_a_coarse_mesh",
+                         [] {
+                           BoxShot shot = BoxShot(kWhite, nullptr).coarse(glass()).area_light();
+                           shot.scene.bend_normals = false;
+                           return shot;
+                         }},
+                    Case{"environment_with_a_sun",
+                         [] {
+                           BoxShot shot(kWhite, glass());
+                           Environment e;
+                           e.width = 32, e.height = 16;
+                           e.image.assign(512, Rgb(0.1f));
+                           e.image[4 * 32 + 9] = Rgb(200.0f);
+                           shot.scene.environments.push_back(e);
+                           return shot;
+                         },
+                         512},
+                    Case{"sky_is_left_to_paths", [] { return BoxShot(kWhite, glass()).sky().area_light(); }}),
     [](const auto& c) { return std::string(c.param.name); });
 
 BoxShot moving_glass() {
@@ -135,8 +132,8 @@ TEST(Photons, OfAMovingCameraAgreeWithPath) {
   AnimatedTransform pose = shot.scene.nodes[shot.scene.cameras[0].node].local;
   const Affine3d a(look_at(Vec3f{0.1f, 0.1f, 3.2f}, Vec3f{0, -0.1f, 0}, Vec3f{0, 1, 0}));
   pose.keyed = true;
-  pose.translation = {{0, 4}, {a.translation - Vec3d{0.6, 0, 0}, a.translation + Vec3d{1, 0.3, 0}},
-                      Interpolation::kLinear};
+  pose.translation = {
+      {0, 4}, {a.translation - Vec3d{0.6, 0, 0}, a.translation + Vec3d{1, 0.3, 0}}, Interpolation::kLinear};
   pose.rotation = quaternion(a);
   shot.scene.nodes[shot.scene.cameras[0].node].local = pose;
   expect_agreement(shot, 1, 256, 64, 0.1);
@@ -215,7 +212,9 @@ TEST(Photons, HalvesAreIndependent) {
   constexpr int kRuns = 12;
   std::vector<Frame> runs;
   for (int i = 0; i < kRuns; ++i) runs.push_back(caustic(i + 1));
-  const auto value = [&](const Frame& f, int x, int y) { return double(luminance(f.layer("class.caustic.color").rgb(x, y))); };
+  const auto value = [&](const Frame& f, int x, int y) {
+    return double(luminance(f.layer("class.caustic.color").rgb(x, y)));
+  };
   for (int y = 0; y < shot.settings.height; ++y) {
     for (int x = 0; x < shot.settings.width; ++x) {
       double mean = 0, squares = 0;

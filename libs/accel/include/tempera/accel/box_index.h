@@ -32,8 +32,8 @@ class BoxIndex {
     while (count > 0) {
       const Node& n = nodes_[open[--count]];
       unsigned held = 0;
-      const Ints inside = (n.lo[0] <= p.x) & (n.hi[0] >= p.x) & (n.lo[1] <= p.y) & (n.hi[1] >= p.y) &
-                          (n.lo[2] <= p.z) & (n.hi[2] >= p.z);
+      const Ints inside = (n.lo[0] <= p.x) & (n.hi[0] >= p.x) & (n.lo[1] <= p.y) & (n.hi[1] >= p.y) & (n.lo[2] <= p.z) &
+                          (n.hi[2] >= p.z);
       for (int i = 0; i < kWidth; ++i) held |= unsigned(inside[i] & 1) << i;
       for (; held; held &= held - 1) {
         const std::int32_t child = n.child[std::countr_zero(held)];
@@ -54,7 +54,7 @@ class BoxIndex {
   using Floats = float __attribute__((vector_size(32)));
   using Ints = std::int32_t __attribute__((vector_size(32)));
   struct Node {
-    std::array<Floats, 3> lo, hi;           // empty boxes hold nothing
+    std::array<Floats, 3> lo, hi;            // empty boxes hold nothing
     std::array<std::int32_t, kWidth> child;  // a node, or the complement of a box's index
   };
   struct Entry {

@@ -13,9 +13,9 @@ namespace tempera {
 
 /// A start of a light path, with the densities by which it was sent and how its light moves.
 struct AimedLight {
-  Vec3d p;                ///< where it starts: on the surface, at the lamp, or on a plane outside of the scene
-  Vec3d w;                ///< unit, the direction in which light leaves
-  Vec3f n;                ///< unit geometric normal of an area light; else zero
+  Vec3d p;  ///< where it starts: on the surface, at the lamp, or on a plane outside of the scene
+  Vec3d w;  ///< unit, the direction in which light leaves
+  Vec3f n;  ///< unit geometric normal of an area light; else zero
   /// Flux times the densities of position and direction: radiance times the cosine of area lights, radiance of suns and
   /// environments, intensity (W/sr) of lights without size, irradiance (W/m^2) of directional lights without an angle.
   Rgb power;
@@ -23,7 +23,8 @@ struct AimedLight {
   /// infinity) and by solid angle (1/sr); 1 for what a light has no choice of.
   double pdf_position = 1, pdf_direction = 1;
   bool delta_position = false, delta_direction = false, infinite = false;
-  double pivot = 0;  ///< distance from the start, m, at which light from infinity stays where it is if its direction turns
+  double pivot =
+      0;  ///< distance from the start, m, at which light from infinity stays where it is if its direction turns
   /// Motion of the start and turn of the direction of light that leaves the light at the same place of it: m/s, rad/s.
   Vec3d velocity, turn;
 };

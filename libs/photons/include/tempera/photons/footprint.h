@@ -64,8 +64,8 @@ FootprintAxes footprint_axes(std::span<const Vec3d> columns, const Vec3d& n, dou
 /// An ellipse with its way, ready to be evaluated. The axes are those of footprint_axes.
 struct Footprint {
   Vec3f center;
-  Vec3f m1, m2;          ///< rows of M [Schjoth 2010, Eq. 8]
-  Vec2f w;               ///< M D_t: motion in filter space, 1/s
+  Vec3f m1, m2;            ///< rows of M [Schjoth 2010, Eq. 8]
+  Vec2f w;                 ///< M D_t: motion in filter space, 1/s
   float slowness = 0;      ///< 1 / |w|, s; 0: it stands still
   float inverse_area = 0;  ///< 1 / A_0
 

@@ -39,7 +39,7 @@ class PhotonMap {
     std::vector<BoxIndex> index;  // by half
   };
   Set make_set(std::vector<Photon> photons) const;
-  std::array<Set, 2> sets_;  // fine, coarse
+  std::array<Set, 2> sets_;                                    // fine, coarse
   std::vector<std::vector<LightPathClassifier::State>> ends_;  // by suffix
   KernelSettings kernel_;
   double instant_;

@@ -21,15 +21,16 @@ enum class PhotonGauge : std::uint8_t {
 struct PhotonOptions {
   std::int64_t photons = 0;           ///< emitted for a frame; 0: as many as go with the samples of the picture
   std::vector<std::string> lights{};  ///< names of the lights that emit; empty: those that are concentrated (LightAim)
-  double overlap = 0;                 ///< footprints over a point where light is not focused; 0: by the number of photons
+  double overlap = 0;  ///< footprints over a point where light is not focused; 0: by the number of photons
   SpatialKernel kernel = SpatialKernel::kEpanechnikov;
   Sweep sweep = Sweep::kLine;
   TimeFilter filter = TimeFilter::kBox;
   PhotonInstant instant = PhotonInstant::kMiddle;
   PhotonGauge gauge = PhotonGauge::kMatter;
-  bool discs = false;    ///< footprints are discs of one radius: plain photon mapping
-  double radius = 0;     ///< of discs, m; 0: 1.25 % of the radius of the scene
-  int between = -1;      ///< discs are traced when the shutter opens, closes and so many times between; -1: at the instant alone
+  bool discs = false;  ///< footprints are discs of one radius: plain photon mapping
+  double radius = 0;   ///< of discs, m; 0: 1.25 % of the radius of the scene
+  int between =
+      -1;  ///< discs are traced when the shutter opens, closes and so many times between; -1: at the instant alone
   bool temporal = true;  ///< footprints move while the shutter is open; false: they stand where they are at the instant
 
   /// The parameters that set these, for tables of methods.

@@ -292,15 +292,16 @@ struct NoObserver {
 /// gathers features of chains. `gathered_light`: null, or what finds the light of some classes instead of this path.
 template <class Observer>
 SampleResult trace_path(const FrameContext& context, const PathOptions& options, const CameraSample& camera,
-                        std::span<Rgb> classes, Features features, Observer& observer,
-                        ChainFeatures* chains = nullptr, const GatheredLight* gathered_light = nullptr) {
+                        std::span<Rgb> classes, Features features, Observer& observer, ChainFeatures* chains = nullptr,
+                        const GatheredLight* gathered_light = nullptr) {
   const RayScene& rays = context.rays;
   const LightSampler& lights = context.lights;
   const LightPathClassifier& classifier = context.classifier;
   SampleResult result;
   Tally tally{classifier, classes, {}, options.clamp, gathered_light ? gathered_light->classes() : 0};
   const bool by_class = !classes.empty() || gathered_light;
-  const std::span<const char> owned_lights = gathered_light ? gathered_light->lights(camera.time) : std::span<const char>{};
+  const std::span<const char> owned_lights =
+      gathered_light ? gathered_light->lights(camera.time) : std::span<const char>{};
   const auto owned = [&](std::uint32_t light) { return Rgb(owned_lights[light] ? 1.0f : 0.0f); };
 
   const double time = camera.time;
