@@ -36,6 +36,7 @@ GUIDE_SPP = 8
 # First key, distance of keys in frames at 640 pixels, and what paths the figure is about.
 ROBOT, VASE, SHADOW = ("robot", 9), ("vase", 5), ("moving-shadow", 9)
 HEAD = (176, 0, 96, 54)  # of the robot, at 640x360
+CLOSE = {"robot": (10, 90), "vase": (190, 110), "moving-shadow": (300, 120)}  # where crops of 200x112 are, at 640x360
 
 
 class Study:
@@ -47,7 +48,7 @@ class Study:
         self.reference_spp = args.reference_spp
         self.width, self.height = args.size
         self.every = max(4, round(4 * 640 / self.width))  # of the keys of `robot`
-        self.rows = []
+        self.rows, self.crops = [], []
 
     @staticmethod
     def run(*command):
@@ -295,6 +296,11 @@ def interpolation(study, number, scene, first, every, papers):
     panel(study.out / f"figure_{number}_{scene}.jpg",
           [Picture(f"{m}  {errors[m]:.1e}", frame_of(p, f)) for m, p in finished.items()] +
           [Picture("reference", frame_of(references[0], f))])
+    crop = tuple(round(v * study.width / 640) for v in (*CLOSE[scene], 200, 112))
+    study.crops += [Picture(text, frame_of(p, n), crop=crop) for text, p, n in (
+        (f"key, frame {first}", clean, first), (f"frame {f}, from keys", finished["gathered"], f),
+        (f"frame {f}, rendered", references[0], f), (f"key, frame {last}", clean, last))]
+    panel(study.out / "crops.jpg", study.crops, columns=4)
     for m, paper in zip(made, papers):
         study.row(f"Figure {number}: `{scene}`, frames in between, {m}, relMSE", f"{errors[m]:.2e}", paper)
     study.row(f"`{scene}`: gain as published, gathered",
