@@ -123,7 +123,8 @@ void fill(GalleryBuilder& b, int alone) {
   for (int i = 0; i < int(std::size(kPieces)); ++i) {
     if (alone >= 0 && i != alone) continue;
     const Piece& piece = kPieces[i];
-    const Vec3d home = alone >= 0 ? Vec3d{} : Vec3d{(i % 4 - 1.5) * kSpacing, (0.5 - i / 4) * kSpacing, 0};
+    const int row = i / 4, column = i % 4;
+    const Vec3d home = alone >= 0 ? Vec3d{} : Vec3d{(column - 1.5) * kSpacing, (0.5 - row) * kSpacing, 0};
     const int material = piece.stuff == Stuff::kSilver ? silver : piece.stuff == Stuff::kGlass ? glass : sheet;
     const int node = b.place(piece.name, piece.shape(), material);
     const auto phase = [i](double f) { return 2 * kPiD * ((f - 1) / 24 + i / 8.0); };
