@@ -125,7 +125,8 @@ class Study:
 
     @functools.cache
     def equal_time(self, scene, label):
-        """{"method", "spp", "seconds", "folder", metric: value} of a method in the time of args.samples samples of PT."""
+        """{"method", "spp", "seconds", "over", "folder", metric: value} of a method in the time of args.samples samples of
+        PT; "over" is the part of it that its least samples take more."""
         bench, method = self.bench(scene), quality.Method(label)
         folder = bench.work / re.sub(r"\W+", "_", label)
         if label == PT:
@@ -135,7 +136,8 @@ class Study:
             # The first guess is the paper's: a sample with differences takes 2.5 times as long.
             bench.seconds_of.setdefault(label, {self.args.samples * 2 // 5: base["seconds"]})
             spp, seconds = bench.calibrate(method, base["seconds"], folder)
-        return self.measured(scene, label, spp, seconds, folder)
+        result = self.measured(scene, label, spp, seconds, folder)
+        return result | {"over": 0 if label == PT else seconds / base["seconds"] - 1}
 
     def measured(self, scene, label, spp, seconds, folder):
         result = {"method": NAMES.get(label, label), "spp": spp, "seconds": seconds, "folder": folder}
@@ -148,10 +150,14 @@ class Study:
         def cell(r, metric):
             ratio = r[metric] / results[0][metric] if metric not in quality.SIGNED and results[0][metric] > 0 else None
             return quality.number(r[metric]) + (f" ({ratio:.2g})" if ratio and r is not results[0] else "")
+
+        def time_of(r):
+            over = r.get("over", 0)
+            return f"{r['seconds']:.1f}" + (f", {100 * over:.0f} % over" if over > quality.TOLERANCE - 1 else "")
         bench = self.bench(scene)
         heading = [scene, "samples", "seconds", *(bench.titles[m] for m in METRICS)]
         return quality.table(heading, ["---"] * len(heading), *(
-            [r["method"], str(r["spp"]), f"{r['seconds']:.1f}", *(cell(r, m) for m in METRICS)] for r in results)) + "\n"
+            [r["method"], str(r["spp"]), time_of(r), *(cell(r, m) for m in METRICS)] for r in results)) + "\n"
 
     def render(self, scene, name, *options, frames=FRAMES, size=None):
         """Frames rendered with these options, reconstructed by nothing. Returns their pattern."""

@@ -11,8 +11,7 @@ noise of two references taken out; the paper's are its own measure on its own sc
   ./dev paper zimmer2015 --quick                   few samples: whether it all runs
   ./dev paper zimmer2015 --figure 13,14 --spp 256
 
-Not made: Figures 3 and 5 are schematic; silhouettes (8) are found in the picture, not drawn as edges of meshes; the
-classical factorization that Figure 11 shows to fail is not there to be compared with.
+Not made: Figures 3 and 5 are schematic; silhouettes (8) are found in the picture, not drawn as edges of meshes.
 """
 import argparse
 import json
@@ -36,6 +35,8 @@ GUIDES = ["--seed", 3, "--param", "feature_samples=16"]  # as quality fast has t
 GUIDE_SPP = 8
 # First key, distance of keys in frames at 640 pixels, and what paths the figure is about.
 ROBOT, VASE, SHADOW = ("robot", 9), ("vase", 5), ("moving-shadow", 9)
+HEAD = (176, 0, 96, 54)  # of the robot, at 640x360
+CLOSE = {"robot": (10, 90), "vase": (190, 110), "moving-shadow": (300, 120)}  # where crops of 200x112 are, at 640x360
 
 
 class Study:
@@ -47,7 +48,7 @@ class Study:
         self.reference_spp = args.reference_spp
         self.width, self.height = args.size
         self.every = max(4, round(4 * 640 / self.width))  # of the keys of `robot`
-        self.rows = []
+        self.rows, self.crops = [], []
 
     @staticmethod
     def run(*command):
@@ -174,6 +175,81 @@ def figures_9_10(study):
     study.row("Figure 10: gain of components with RMZ13", f"{errors['RMZ13'] / errors['RMZ13 of components']:.2f}", "1.6")
 
 
+def rgb(file, layer):
+    """Arguments of oiiotool that leave three channels on the stack."""
+    return ["-i", file, "--ch", ",".join(f"{c}={layer}.{c}" for c in "RGB")]
+
+
+def figure_11(study):
+    """Irradiance as the mean of light over reflectance, as standard factorization has it, and as the ratio of their
+    means. The renderer does not divide samples, so that each is a frame of its own here, within a thousandth of a second
+    from the first to the last."""
+    fps, batch = 1000000, 64
+    first = ROBOT[1] * fps // 24
+    shot = study.shot("robot").with_name("shot_dof.toml")
+    folder = study.out / "robot/depth_of_field"
+
+    def render(name, frames, spp, *more):
+        pattern = folder / name / "f.####.exr"
+        study.run(study.tempera, "-q", "render", shot, "--fps", fps, "--shutter", "0,0", "--resolution", "640x360", "--crop",
+                  ",".join(map(str, HEAD)), "--frames", frames, "--spp", spp, *more, "-o", pattern)
+        return pattern
+
+    def diffuse(file):  # what reflects diffusely: without coats
+        return [*rgb(file, "class.dd.color"), *rgb(file, "class.di.color"), "--add"]
+
+    def albedo(file):
+        return rgb(file, "chain.D.albedo")
+
+    def mean(name, files, value):
+        out = folder / f"{name}.exr"
+        for i in range(0, len(files), batch):
+            total = ["-i", out] if i else []
+            for k, file in enumerate(files[i:i + batch]):
+                total += [*value(file), *(["--add"] if i + k else [])]
+            study.run("oiiotool", *total, "-o", out)
+        study.run("oiiotool", "-i", out, "--mulc", 1 / len(files), "-o", out)
+        return out
+
+    shutil.rmtree(folder, ignore_errors=True)
+    render("samples", f"{first}-{first + study.spp - 1}", 1, "--layers", "chain.D.albedo,chain.D.normal")
+    files = sorted((folder / "samples").glob("f.*.exr"))
+    references = []
+    for i, seed in enumerate((101, 102)):
+        frame = render(f"reference_{i}", first + study.spp // 2, study.reference_spp, "--seed", seed)
+        references.append(mean(f"reference_{i}", [next(frame.parent.glob("f.*.exr"))], diffuse))
+    light, reflectance = mean("light", files, diffuse), mean("reflectance", files, albedo)
+    normal = mean("normal", files, lambda f: ["-i", f, "--ch", ",".join(f"{to}=chain.D.normal.{c}" for to, c in zip("RGB", "XYZ"))])
+    above_zero = ["--maxc", 1e-3]  # of a divisor
+    pictures = {f"input, {study.spp} spp": light}
+    for name, text in (("standard", "irradiance"), ("effective", "effective irradiance")):
+        def irradiance(file):
+            return [*diffuse(file), *albedo(file), *above_zero, "--div"]
+        parts = []
+        for part, some in (("whole", files), ("a", files[0::2]), ("b", files[1::2])):
+            if name == "standard":
+                parts.append(mean(f"{name}_{part}", some, irradiance))
+                continue
+            parts.append(folder / f"{name}_{part}.exr")
+            study.run("oiiotool", "-i", mean(f"light_{part}", some, diffuse), "-i", reflectance, *above_zero, "--div", "-o",
+                      parts[-1])
+        noisy = folder / name / "f.0001.exr"
+        noisy.parent.mkdir()
+        layers = []
+        for file, names in zip([*parts, normal], ("R,G,B", "color.a.R,color.a.G,color.a.B", "color.b.R,color.b.G,color.b.B",
+                                                  "normal.X,normal.Y,normal.Z")):
+            layers += ["-i", file, "--chnames", names, *(["--chappend"] if layers else [])]
+        study.run("oiiotool", *layers, "-o", noisy)
+        clean = study.stage("robot/depth_of_field", f"{name}_clean", "denoise", noisy, "--radius", 0, "--recipe", "halves")
+        pictures[text] = folder / f"{name}_denoised.exr"
+        study.run("oiiotool", "-i", frame_of(clean, 1), "--ch", "R,G,B", "-i", reflectance, "--mul", "-o", pictures[text])
+    errors = {text: study.error(picture, references) for text, picture in pictures.items()}
+    panel(study.out / "figure_11.jpg", [*(Picture(f"{text}  {errors[text]:.1e}", p) for text, p in pictures.items()),
+                                        Picture("reference", references[0])], columns=2, width=480)
+    for (text, error), paper in zip(errors.items(), ("5.6e-3", "9.9e-3", "0.90e-3")):
+        study.row(f"Figure 11: `robot:dof`, {text}, relMSE", f"{error:.2e}", paper)
+
+
 def figure_12(study):
     """Upsampling of components and of color alone."""
     name, frame = ROBOT
@@ -220,6 +296,11 @@ def interpolation(study, number, scene, first, every, papers):
     panel(study.out / f"figure_{number}_{scene}.jpg",
           [Picture(f"{m}  {errors[m]:.1e}", frame_of(p, f)) for m, p in finished.items()] +
           [Picture("reference", frame_of(references[0], f))])
+    crop = tuple(round(v * study.width / 640) for v in (*CLOSE[scene], 200, 112))
+    study.crops += [Picture(text, frame_of(p, n), crop=crop) for text, p, n in (
+        (f"key, frame {first}", clean, first), (f"frame {f}, from keys", finished["gathered"], f),
+        (f"frame {f}, rendered", references[0], f), (f"key, frame {last}", clean, last))]
+    panel(study.out / "crops.jpg", study.crops, columns=4)
     for m, paper in zip(made, papers):
         study.row(f"Figure {number}: `{scene}`, frames in between, {m}, relMSE", f"{errors[m]:.2e}", paper)
     study.row(f"`{scene}`: gain as published, gathered",
@@ -298,7 +379,7 @@ def figure_1(study):
     study.row("Figure 1: `robot`, quality fast, the frame between two keys, relMSE", f"{error:.2e}", "–")
 
 
-FIGURES = {"1": figure_1, "2": figures_2_4_6, "4": figures_2_4_6, "6": figures_2_4_6, "9": figures_9_10, "10": figures_9_10,
+FIGURES = {"1": figure_1, "2": figures_2_4_6, "4": figures_2_4_6, "6": figures_2_4_6, "9": figures_9_10, "10": figures_9_10, "11": figure_11,
            "12": figure_12, "13": figure_13, "14": figure_14, "15": figure_15, "table": table_1}
 
 

@@ -12,6 +12,7 @@
 #include <set>
 
 #include "tempera/core/parallel.h"
+#include "tempera/frames/layers.h"
 #include "tempera/pipeline/render.h"
 #include "tempera/pipeline/scene_info.h"
 
@@ -299,6 +300,71 @@ TEST(GalleryMotion, WheelsRoll) {
   const Vec3d contact = inverse(a).point(a.translation + Vec3d{0, -0.78, 0});
   EXPECT_NEAR(length(b.point(contact) - a.point(contact)) / h, 0, 5e-3);
   EXPECT_NEAR((b.translation.x - a.translation.x) / h, 0.05 * 24, 1e-3);
+}
+
+// What each piece shows has vectors there and back, but where its own edge comes in between.
+TEST(GalleryMotion, MirrorsAndGlassOfTheTestsAreFollowed) {
+  if (layers::chain_motion().empty()) GTEST_SKIP() << "built without TEMPERA_PATH_SPACE_MOTION";
+  const std::map<std::string, std::string> shown{
+      {"mirror-plane", "RD"},  {"mirror-sphere", "RD"},  {"slab", "TTD"},       {"sheet", "TD"},
+      {"glass-sphere", "TTD"}, {"glass-shell", "TTTTD"}, {"thick-lens", "TTD"}, {"mesh-deform", "TTD"}};
+  const GalleryScene& scene = *find_gallery_scene("motion-tests").scene;
+  const Made made("motion-tests");
+  ASSERT_EQ(scene.variants.size(), shown.size());
+  for (const GalleryVariant& v : scene.variants) {
+    ShotConfig config = read_shot_config(made.folder / ("shot_" + v.name + ".toml"));
+    for (const char* key : {"film.resolution=128x72", "sampling.spp=1", "output.layers=chains,chain_motion"})
+      config.assign(key);
+    Warnings warnings;
+    const LoadedShot loaded = load_shot(config, {}, warnings);
+    EXPECT_TRUE(warnings.lines().empty()) << v.name;
+    const Frame frame = render_frame(loaded.shot, loaded.scene, 6, nullptr);
+    const Image& state = frame.layer("chain." + shown.at(v.name) + ".motion.state");
+    int there = 0, tracked = 0, moved = 0;
+    const Image& vectors = frame.layer("chain." + shown.at(v.name) + ".motion.forward");
+    for (int y = 0; y < frame.height(); ++y) {
+      for (int x = 0; x < frame.width(); ++x) {
+        for (int direction = 0; direction < 2; ++direction) {
+          there += MotionState(int(state.at(x, y, direction))) != MotionState::kEmpty;
+          tracked += MotionState(int(state.at(x, y, direction))) == MotionState::kTracked;
+        }
+        moved += length(vectors.vec2(x, y)) > 0.1;
+      }
+    }
+    const bool edges = v.name == "mirror-plane" || v.name == "slab" || v.name == "sheet";
+    EXPECT_GT(there, 1000) << v.name;
+    EXPECT_GE(tracked, (edges ? 0.8 : 0.97) * there) << v.name;
+    EXPECT_GT(moved, 0.2 * there) << v.name;
+  }
+}
+
+// Emitters are seen directly, in mirrors and through glass by classes of their own, and all classes are the picture.
+TEST(GalleryClasses, LightOfASignAddsUp) {
+  const GalleryScene& scene = *find_gallery_scene("coat-emit").scene;
+  const Made made("coat-emit");
+  ShotConfig config = read_shot_config(made.folder / "shot.toml");
+  for (const char* key : {"film.resolution=64x36", "sampling.spp=16"}) config.assign(key);
+  Warnings warnings;
+  const LoadedShot loaded = load_shot(config, {}, warnings);
+  const Frame frame = render_frame(loaded.shot, loaded.scene, 12, nullptr);
+  const Image& color = frame.layer("color");
+  std::map<std::string, double> light;
+  double all = 0;
+  for (int y = 0; y < frame.height(); ++y) {
+    for (int x = 0; x < frame.width(); ++x) {
+      Rgb sum = frame.layer("class.residual.color").rgb(x, y);
+      light["residual"] += luminance(sum);
+      for (const GalleryClass& c : scene.classes) {
+        const Rgb part = frame.layer("class." + c.name + ".color").rgb(x, y);
+        sum += part, light[c.name] += luminance(part);
+      }
+      const Rgb whole = color.rgb(x, y);
+      all += luminance(whole);
+      for (int k = 0; k < 3; ++k) ASSERT_NEAR(sum[k], whole[k], 1e-5 * (1 + whole[k])) << x << ' ' << y;
+    }
+  }
+  for (const char* name : {"emission", "mirrored", "passed"}) EXPECT_GT(light[name], 0.005 * all) << name;
+  EXPECT_LT(light["residual"], 0.2 * all);
 }
 
 }  // namespace

@@ -14,6 +14,7 @@ namespace tempera {
   X(ajar_door)                    \
   X(bathroom)                     \
   X(bookshelf)                    \
+  X(coat_emit)                    \
   X(cornell_motion)               \
   X(glass_cylinder)               \
   X(glass_egg)                    \
@@ -21,6 +22,7 @@ namespace tempera {
   X(indoor)                       \
   X(loader)                       \
   X(modern_hall)                  \
+  X(motion_tests)                 \
   X(moving_shadow)                \
   X(robot)                        \
   X(running_figure)               \
