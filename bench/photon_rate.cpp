@@ -82,7 +82,8 @@ int main(int argc, char** argv) {
     int covered = 0;
     const double gathered = seconds_of([&] {
       for (int i = 0; i < kSide * kSide; ++i) {
-        v.s.p = {-1.5f + 3 * (float(i % kSide) + 0.5f) / kSide, -1.5f + 3 * (float(i / kSide) + 0.5f) / kSide, 0};
+        const int x = i % kSide, y = i / kSide;
+        v.s.p = {-1.5f + 3 * (float(x) + 0.5f) / kSide, -1.5f + 3 * (float(y) + 0.5f) / kSide, 0};
         map->gather(v, 0.5 * (span.begin + span.end), -1, false, 100, arrivals);
         covered += !arrivals.empty();
       }

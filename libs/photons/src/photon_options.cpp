@@ -116,8 +116,8 @@ double PhotonOptions::overlap_of(std::int64_t n) const {
 
 std::vector<double> PhotonOptions::instants_of(const TimeSpan& exposure) const {
   if (between >= 0) {
-    std::vector<double> all;
-    for (int i = 0; i < between + 2; ++i) all.push_back(exposure.begin + exposure.length() * i / (between + 1));
+    std::vector<double> all(std::size_t(between) + 2);
+    for (int i = 0; i < between + 2; ++i) all[i] = exposure.begin + exposure.length() * i / (between + 1);
     return all;
   }
   switch (instant) {

@@ -211,6 +211,7 @@ TEST(Photons, HalvesAreIndependent) {
   double told = 0, seen = 0;
   constexpr int kRuns = 12;
   std::vector<Frame> runs;
+  runs.reserve(kRuns);
   for (int i = 0; i < kRuns; ++i) runs.push_back(caustic(i + 1));
   const auto value = [&](const Frame& f, int x, int y) {
     return double(luminance(f.layer("class.caustic.color").rgb(x, y)));

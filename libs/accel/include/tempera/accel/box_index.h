@@ -38,7 +38,8 @@ class BoxIndex {
       for (; held; held &= held - 1) {
         const std::int32_t child = n.child[std::countr_zero(held)];
         if (child < 0) {
-          f(std::size_t(~child));
+          const std::int32_t index = ~child;
+          f(std::size_t(index));
         } else {
           open[count++] = child;
         }

@@ -212,30 +212,33 @@ struct Tally {
   Rgb total;
   float clamp = 0;
   std::uint32_t without = 0;  ///< classes of paths that are left out, of the lights that `owned` is for
-  /// Light that arrives along a path; `scattered`: whether surfaces lie between, else it is not clamped. `owned`: which
-  /// part of it comes from lights whose paths may be left out.
-  void add(const WeightedStates& states, Rgb c, bool scattered, const Rgb& owned = {}) {
+  /// Light that arrives along a path; `scattered`: whether surfaces lie between, else it is not clamped.
+  void add(const WeightedStates& states, Rgb c, bool scattered) {
     if (scattered) limit(c);
-    if (without && !is_black(owned)) {
-      total += states.add_to(classifier, c * owned, classes, without);
-      c *= Rgb(1.0f) - owned;
-    }
     total += c;
     if (!classes.empty()) states.add_to(classifier, c, classes);
   }
   /// Light that the last vertex scatters towards the eye; `f` by event.
-  void add(const WeightedStates& states, Rgb c, const std::array<Rgb, kEventCount>& f, const Rgb& owned = {}) {
+  void add(const WeightedStates& states, Rgb c, const std::array<Rgb, kEventCount>& f) {
     limit(c);
-    if (without && !is_black(owned)) {
-      total += states.add_to(classifier, c * owned, f, classes, without);
-      c *= Rgb(1.0f) - owned;
-    }
     total += c;
     if (!classes.empty()) states.add_to(classifier, c, f, classes);
   }
+  /// The same where some paths are left out; `owned`: which part of the light comes from lights whose paths may be.
+  [[gnu::noinline]] void add_others(const WeightedStates& states, Rgb c, bool scattered, const Rgb& owned) {
+    if (scattered) limit(c);
+    total += states.add_to(classifier, c * owned, classes, without);
+    total += states.add_to(classifier, c * (Rgb(1.0f) - owned), classes);
+  }
+  [[gnu::noinline]] void add_others(const WeightedStates& states, Rgb c, const std::array<Rgb, kEventCount>& f,
+                                    const Rgb& owned) {
+    limit(c);
+    total += states.add_to(classifier, c * owned, f, classes, without);
+    total += states.add_to(classifier, c * (Rgb(1.0f) - owned), f, classes);
+  }
   /// Light of the classes that are left out, which arrives at a vertex whose throughput is `beta`, seen from v.s.wo.
-  void add(const WeightedStates& states, const Rgb& beta, const Vertex& v,
-           std::span<const GatheredLight::Arrival> arrivals) {
+  [[gnu::noinline]] void add(const WeightedStates& states, const Rgb& beta, const Vertex& v,
+                             std::span<const GatheredLight::Arrival> arrivals) {
     for (const GatheredLight::Arrival& a : arrivals) {
       // Irradiance is by the geometric normal, f_cos by those of the lobes.
       const Rgb f = v.bsdf.eval(v.s.wo, a.wi).f_cos[std::size_t(Event::kDiffuse)];
@@ -354,8 +357,13 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
         le = lights.environment(ray.d, time, seen_by_camera);
         if (!is_black(le)) {
           if (mis) light_pdf = lights.environment_pdf(ray.d, time, previous);
-          tally.add(states, beta * le * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1,
-                    gathered_light ? owned_part(lights, ray.d, time, seen_by_camera, owned_lights, le) : Rgb{});
+          const Rgb c = beta * le * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f);
+          if (gathered_light) {
+            tally.add_others(states, c, edges > 1,
+                             owned_part(lights, ray.d, time, seen_by_camera, owned_lights, le));
+          } else {
+            tally.add(states, c, edges > 1);
+          }
         }
       }
       observe(index, nullptr, le, light_pdf, pass_probability);
@@ -372,8 +380,12 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
         light_pdf = lights.pdf(v.hit.point, v.s, previous, length(v.s.p - previous));
       }
       if (!is_black(emitted)) {
-        tally.add(states, beta * emitted * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f), edges > 1,
-                  gathered_light ? owned(lights.light_of(v.hit.point)) : Rgb{});
+        const Rgb c = beta * emitted * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f);
+        if (gathered_light) {
+          tally.add_others(states, c, edges > 1, owned(lights.light_of(v.hit.point)));
+        } else {
+          tally.add(states, c, edges > 1);
+        }
       }
     }
 
@@ -409,11 +421,14 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
           if (visible > 0 && carries) {
             const float w = light->delta ? 1.0f : power_heuristic(light->pdf, f.pdf);
             const Rgb le = beta * light->radiance * (visible * w / light->pdf);
-            const Rgb part = !gathered_light ? Rgb{}
-                             : std::isfinite(light->distance) || light->delta
-                                 ? owned(light->light)
-                                 : owned_part(lights, light->wi, time, false, owned_lights, light->radiance);
-            tally.add(states, le * f_sum, f.f_cos, part);
+            if (gathered_light) {
+              const bool one = std::isfinite(light->distance) || light->delta;  // not all that shines from there
+              tally.add_others(states, le * f_sum, f.f_cos,
+                               one ? owned(light->light)
+                                   : owned_part(lights, light->wi, time, false, owned_lights, light->radiance));
+            } else {
+              tally.add(states, le * f_sum, f.f_cos);
+            }
           }
           observer.next_event(v, *light, f, visible);
         }
