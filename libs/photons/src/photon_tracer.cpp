@@ -34,6 +34,8 @@ constexpr float kLeastDivided = 0.01f;
 constexpr std::int64_t kFew = 8;
 /// Share of photons that goes wherever lights shine, in case something focuses light that was not known to.
 constexpr double kEverywhere = 0.1;
+/// The same, of all its light, for a lamp that seems not to reach anything that focuses.
+constexpr double kOutOfSight = 1e-3;
 
 /// Whether a surface sends light from `wo` on by R or T, and not straight through.
 bool focuses(const Bsdf& bsdf, const Vec3f& wo) {
@@ -228,7 +230,7 @@ void PhotonTracer::plan() {
     }
     double towards = 0;
     for (int k = 1; k < parts; ++k) towards += power[k];
-    power[0] = towards > 0 ? kEverywhere * towards : std::min(power[0], 1e-3 * power[0]);
+    power[0] = towards > 0 ? kEverywhere * towards : kOutOfSight * power[0];
     for (int k = 0; k < parts; ++k) {
       shares_.push_back({l, k, 0, 0});
       weights.push_back(power[k]);
@@ -238,17 +240,18 @@ void PhotonTracer::plan() {
   if (!(towards_all > 0)) {
     photons_ = 0;
     shares_.clear();
+    lights_.assign(count, 0);
     return;
   }
-  double sum = 0;
   std::int64_t before = 0;
   for (std::size_t i = 0; i < shares_.size(); ++i) {
-    sum += weights[i];
-    const auto after = std::int64_t(std::llround(double(photons_) * std::min(sum / towards_all, 1.0)));
-    shares_[i].first = before, shares_[i].count = after - before;
-    before = after;
+    if (!(weights[i] > 0)) continue;
+    const auto part = std::int64_t(std::llround(double(photons_) * weights[i] / towards_all));
+    shares_[i].first = before, shares_[i].count = std::max<std::int64_t>(part, 2);
+    before += shares_[i].count;
     lamps_[shares_[i].light].photons += shares_[i].count;
   }
+  for (std::uint32_t l = 0; l < count; ++l) lights_[l] = lamps_[l].photons > 0;
   for (const Share& s : shares_) {
     Lamp& lamp = lamps_[s.light];
     lamp.shares.push_back(lamp.photons > 0 ? double(s.count) / double(lamp.photons) : 0.0);

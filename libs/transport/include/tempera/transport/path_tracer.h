@@ -359,8 +359,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
           if (mis) light_pdf = lights.environment_pdf(ray.d, time, previous);
           const Rgb c = beta * le * (mis ? power_heuristic(bsdf_pdf, light_pdf) : 1.0f);
           if (gathered_light) {
-            tally.add_others(states, c, edges > 1,
-                             owned_part(lights, ray.d, time, seen_by_camera, owned_lights, le));
+            tally.add_others(states, c, edges > 1, owned_part(lights, ray.d, time, seen_by_camera, owned_lights, le));
           } else {
             tally.add(states, c, edges > 1);
           }
