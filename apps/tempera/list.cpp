@@ -36,6 +36,7 @@ std::vector<CatalogItem> layer_items() {
   add(layers::crypto(0), "CryptoObject00");
   out.push_back({"motion", "short for motion.forward and motion.backward", {}});
   out.push_back({"halves", "short for color.a and color.b", {}});
+  out.push_back({"chain.any.<feature>", "that feature of all chains together, up to six events", {}});
   out.push_back({"chain.<letters>", "short for all features of a chain", {}});
   const std::string common = fmt::format("{}", fmt::join(layers::kCommonChains, ", "));
   out.push_back({"chains", "short for all features of the chains " + common, {}});
