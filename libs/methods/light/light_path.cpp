@@ -284,12 +284,8 @@ class LightPath final : public Method {
       const float pdf = (1 - from_everywhere) * sample.pdf + from_everywhere * (0.25f * kInvPi);
       return Scattered{wc, towards(v, wc).eval(wc, wl).sum() * (std::abs(dot(v.s.ng, wc)) / pdf)};
     }
-    // Flux is conserved where radiance is compressed by refraction [Veach 1997, Sec. 5.2]; a shading normal changes it
-    // [Veach 1997, Sec. 5.3].
-    const float eta2 = sample.transmitted ? sample.eta * sample.eta : 1.0f;
-    const Vec3f n = v.bsdf.frame(sample.lobe).n;
-    const float correction = std::abs(dot(n, wl) * dot(v.s.ng, wc)) / std::max(std::abs(dot(n, wc)), 1e-7f);
-    return Scattered{wc, sample.sum() * (eta2 * correction / ((1 - from_everywhere) * sample.pdf))};
+    const float factor = delta_flux_factor(v.bsdf.frame(sample.lobe).n, v.s.ng, wl, sample);
+    return Scattered{wc, sample.sum() * (factor / ((1 - from_everywhere) * sample.pdf))};
   }
 
   /// The BSDF as a path from the camera meets it, seen from wc.

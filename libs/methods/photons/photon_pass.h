@@ -33,9 +33,8 @@ class PhotonPass {
 
   /// To stand before the first pass that gathers, which has to wait for it.
   PassDesc desc(const RenderSettings& settings) const;
-  /// Photons that are emitted for a frame.
-  std::int64_t photons(const RenderSettings& settings) const;
 
+  /// Errors: Error{kUnknownName} for the name of a light that the scene lacks.
   void begin(const SceneWindow& window, PhotonState& state) const;
   void run(const SceneWindow& window, const PhotonState& state, std::int64_t unit, UnitOutput& out,
            RenderCounters& counters, const std::stop_token& stop) const;
@@ -44,6 +43,10 @@ class PhotonPass {
   void begin_gather(const SceneWindow& window, PhotonState& state, int class_bit) const;
 
  private:
+  /// Photons that are emitted for a frame, about; in so many units.
+  std::int64_t photons(const RenderSettings& settings) const;
+  std::int64_t units(const RenderSettings& settings) const;
+
   PhotonOptions options_;
   int max_depth_;
   mutable std::once_flag warned_;

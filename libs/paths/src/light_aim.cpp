@@ -195,24 +195,8 @@ std::optional<AimedLight> LightAim::emit(int part, std::span<const double> share
     r.turn = cross(f.ng, f.dngdt);
     r.pdf_position = s.pdf_area(light, point, r.n, t_);
     const Vec3f w = send(
-        Vec3f(f.p),
-        [&] {
-          if (emission.spot)
-            return sample_cone(s.spot_axis(*emission.spot, t_), s.cone_of_spot(emission, t_), direction);
-          Vec2f u = direction;
-          bool back = false;
-          if (emission.two_sided) {
-            back = u.x >= 0.5f;
-            u.x = std::min(2 * u.x - (back ? 1.0f : 0.0f), 0x1.fffffep-1f);
-          }
-          const Vec3f d = square_to_cosine_hemisphere(u);
-          return Basis(r.n).to_world({d.x, d.y, back ? -d.z : d.z});
-        },
-        [&](const Vec3f& d) {
-          if (emission.spot) return s.direction_pdf(light, r.n, d, t_);
-          const float cosine = emission.two_sided ? std::abs(dot(r.n, d)) * 0.5f : dot(r.n, d);
-          return std::max(cosine, 0.0f) * kInvPi;
-        });
+        Vec3f(f.p), [&] { return s.sample_direction(light, r.n, t_, direction); },
+        [&](const Vec3f& d) { return s.direction_pdf(light, r.n, d, t_); });
     const float cosine = dot(r.n, w);
     if (cosine < 0 && !emission.two_sided) return std::nullopt;
     r.power = emission.radiance.rgb(s.rays->shading_point(point, t_, w)) * s.directed(emission, r.n, w, t_) *

@@ -30,8 +30,6 @@ float sin2_of(const AreaEmission& emission) {
 
 }  // namespace
 
-float LightSampler::Impl::cone_of_spot(const AreaEmission& emission, double t) { return cone_of(*emission.spot, t); }
-
 /// Spots that have a size are sampled by their cone, whatever the normal: the falloff varies more than the cosine.
 float LightSampler::Impl::direction_pdf(const AreaLight& light, const Vec3f& ng, const Vec3f& w, double t) const {
   const AreaEmission& emission = *light.emission;
@@ -44,22 +42,24 @@ float LightSampler::Impl::direction_pdf(const AreaLight& light, const Vec3f& ng,
   return cosine * kInvPi / sin2 * (emission.two_sided ? 0.5f : 1.0f);
 }
 
-void LightSampler::Impl::emit_area(const AreaLight& light, double t, float u1, const Vec2f& position, Vec2f direction,
-                                   LightEnd& e) const {
+Vec3f LightSampler::Impl::sample_direction(const AreaLight& light, const Vec3f& ng, double t, Vec2f u) const {
+  const AreaEmission& emission = *light.emission;
+  if (emission.spot) return sample_cone(spot_axis(*emission.spot, t), cone_of(*emission.spot, t), u);
+  bool back = false;
+  if (emission.two_sided) {
+    back = u.x >= 0.5f;
+    u.x = 2 * u.x - (back ? 1.0f : 0.0f);
+  }
+  const Vec2f disk = square_to_disk(u) * std::sqrt(sin2_of(emission));
+  return Basis(ng).to_world({disk.x, disk.y, std::sqrt(std::max(0.0f, 1 - dot(disk, disk))) * (back ? -1.0f : 1.0f)});
+}
+
+void LightSampler::Impl::emit_area(const AreaLight& light, double t, float u1, const Vec2f& position,
+                                   const Vec2f& direction, LightEnd& e) const {
   const AreaEmission& emission = *light.emission;
   const SurfacePoint& point = e.point.emplace(even_point(light, u1, position));
   locate(light, point, t, e.p, e.n);
-  if (emission.spot) {
-    e.w = sample_cone(spot_axis(*emission.spot, t), cone_of(*emission.spot, t), direction);
-  } else {
-    bool back = false;
-    if (emission.two_sided) {
-      back = direction.x >= 0.5f;
-      direction.x = 2 * direction.x - (back ? 1.0f : 0.0f);
-    }
-    const Vec2f disk = square_to_disk(direction) * std::sqrt(sin2_of(emission));
-    e.w = Basis(e.n).to_world({disk.x, disk.y, std::sqrt(std::max(0.0f, 1 - dot(disk, disk))) * (back ? -1.0f : 1.0f)});
-  }
+  e.w = sample_direction(light, e.n, t, direction);
   e.pdf_position = pdf_area(light, point, e.n, t);
   e.pdf_direction = direction_pdf(light, e.n, e.w, t);
   if (dot(e.n, e.w) < 0 && !emission.two_sided) return;

@@ -233,15 +233,16 @@ struct LightSampler::Impl {
   LightReach reach_of(const AreaLight& light, float radiance) const;
 
   // For emission. These fill an end whose light is chosen, all but `beta`.
-  void emit_area(const AreaLight& light, double t, float u1, const Vec2f& position, Vec2f direction, LightEnd& e) const;
+  void emit_area(const AreaLight& light, double t, float u1, const Vec2f& position, const Vec2f& direction,
+                 LightEnd& e) const;
   void emit_punctual(std::size_t index, double t, const Vec2f& direction, LightEnd& e) const;
   void emit_infinite(const Vec3f& to_light, double t, const Vec2f& position, LightEnd& e) const;
   void from_disk(const Vec3f& w, const Vec2f& position, LightEnd& e) const;
   EmissionPdf infinite_pdf(const Vec3f& to_light, double t) const;
+  /// A direction in which light leaves a point with unit geometric normal ng, and the density of that.
+  Vec3f sample_direction(const AreaLight& light, const Vec3f& ng, double t, Vec2f u) const;
   float direction_pdf(const AreaLight& light, const Vec3f& ng, const Vec3f& w, double t) const;
   float direction_pdf(const PunctualLight& light, const Affine3f& world, const Vec3f& w, double t) const;
-  /// 1 - cos of the cone in which an emitting surface shines that is a spot with a size.
-  static float cone_of_spot(const AreaEmission& emission, double t);
   Vec3f spot_axis(const PunctualLight& spot, double t) const {
     return normalize(Affine3f(scene->world(spot.node, t)).z);
   }

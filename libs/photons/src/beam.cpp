@@ -8,12 +8,6 @@ namespace tempera {
 
 namespace {
 
-/// Two unit vectors that are perpendicular to unit vector w and to each other.
-std::array<Vec3d, 2> across(const Vec3d& w) {
-  const Vec3d s = normalize(std::abs(w.x) > std::abs(w.y) ? Vec3d{-w.z, 0, w.x} : Vec3d{0, w.z, -w.y});
-  return {s, cross(w, s)};
-}
-
 /// The least cosine behind a refracting surface by which a derivative is divided.
 constexpr double kLeastCosine = 0.02;
 
@@ -94,7 +88,7 @@ void widen(double length, Beam& beam) {
   // A beam's position along itself does not matter, so each column is a vector of four numbers: where it is and where it
   // goes, across the beam. As columns of a matrix M they spread by M M^T, which is L L^T for the triangular L of M = L Q.
   constexpr int kAll = Beam::kSpatial + 2;
-  const auto [s, t] = across(beam.w);
+  const auto [s, t] = tangents_of(beam.w);
   std::array<std::array<double, kAll>, 4> rows{};
   for (int i = 0; i < Beam::kSpatial; ++i) {
     rows[0][i] = dot(beam.dx[i], s), rows[1][i] = dot(beam.dx[i], t);

@@ -101,8 +101,7 @@ float time_weight(TimeFilter filter, SpatialKernel kernel, float s) {
 }
 
 FootprintAxes footprint_axes(std::span<const Vec3d> columns, const Vec3d& n, double least, double most, bool* clamped) {
-  const Vec3d s = normalize(std::abs(n.x) > std::abs(n.y) ? Vec3d{-n.z, 0, n.x} : Vec3d{0, n.z, -n.y});
-  const Vec3d t = cross(n, s);
+  const auto [s, t] = tangents_of(n);
   double a = 0, b = 0, c = 0;  // of the matrix [a b; b c]
   for (const Vec3d& column : columns) {
     const double x = dot(column, s), y = dot(column, t);

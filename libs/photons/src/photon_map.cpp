@@ -75,6 +75,7 @@ PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, co
       instant_(tracer.instant()),
       always_instant_(always_instant),
       halves_(tracer.halves()),
+      moves_(tracer.moves()),
       lights_(tracer.lights().begin(), tracer.lights().end()),
       rays_(rays) {
   // Few of the many sequences of events are told apart by the classifier.
@@ -93,7 +94,7 @@ PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, co
       if (fresh) ends_.push_back(ends);
       it->second = known->second;
     }
-    p.suffix = std::uint16_t(it->second);
+    p.suffix = it->second;
     p.edges = std::uint8_t(p.events.size() + 1);
   }
   std::vector<Photon> few;
@@ -105,12 +106,6 @@ PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, co
     few.back().thickness *= std::sqrt(2.0f);
   }
   sets_ = {make_set(std::move(photons)), make_set(std::move(few))};
-  const Scene& scene = rays.scene();
-  moves_.resize(scene.instances.size());
-  for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
-    for (const int shape : scene.groups[scene.instances[i].group])
-      moves_[i] |= char(rays.moves(i, std::uint32_t(shape), tracer.exposure()));
-  }
 }
 
 std::uint64_t PhotonMap::memory() const {
@@ -132,7 +127,6 @@ void PhotonMap::gather(const Vertex& at, double t, int half, bool coarse, int mo
   // Matter that moves is looked up where it was when the photons met it.
   if (moving) position = rays_.position(at.hit.point, instant_, &ng);
   const float sigma = kernel_.begin < kernel_.end ? float(t - instant_) : 0.0f;
-  const float reach = support(kernel_.kernel);
   // Photons from nearly the same direction arrive as one, so that the surface is asked once for all of them.
   constexpr std::size_t kGroups = 64;
   struct Group {
@@ -146,12 +140,7 @@ void PhotonMap::gather(const Vertex& at, double t, int half, bool coarse, int mo
     set.index[h].visit(position, [&](std::size_t i) {
       const Photon& p = set.photons[set.first_of_half[h] + i];
       const Vec3f offset = position - p.footprint.center;
-      const Vec2f z = p.footprint.to_filter(offset);
-      if (instant) {
-        const Vec2f d = z - p.footprint.w * sigma;
-        if (dot(d, d) >= reach * reach) return;
-      }
-      if (((moving || p.moving) && p.instance != instance) || p.edges > most_edges) return;
+      if ((p.instance != instance && (moving || moves_[p.instance])) || p.edges > most_edges) return;
       if (std::abs(dot(p.n, offset)) > p.thickness || std::abs(dot(p.n, ng)) < kLeastNormalCosine) return;
       float density = instant ? instant_density(p.footprint, kernel_.kernel, offset, sigma, p.rate)
                               : swept_density(p.footprint, kernel_, offset, p.rate);
@@ -178,6 +167,16 @@ void PhotonMap::gather(const Vertex& at, double t, int half, bool coarse, int mo
   for (GatheredLight::Arrival& a : out) a.wi = normalize(a.wi);
 }
 
+void PhotonLight::add(std::size_t piece, PhotonMap map) {
+  maps_.resize(piece + 1);
+  lights_.resize(piece + 1);
+  // A light that is dark at one of several instants has no photons there, and nothing is missing.
+  std::vector<char>& lights = lights_[piece];
+  lights.resize(map.lights().size());
+  for (std::size_t i = 0; i < lights.size(); ++i) lights[i] |= map.lights()[i];
+  maps_[piece].push_back(std::make_unique<PhotonMap>(std::move(map)));
+}
+
 std::uint64_t PhotonLight::memory() const {
   std::uint64_t bytes = 0;
   for (const auto& piece : maps_) {
@@ -186,16 +185,10 @@ std::uint64_t PhotonLight::memory() const {
   return bytes;
 }
 
-std::size_t PhotonLight::piece_at(double time) const {
-  std::size_t piece = 0;
-  while (piece + 1 < frame_.pieces.size() && time >= frame_.pieces[piece + 1].rays.rays().begin) ++piece;
-  return piece;
-}
-
 std::span<const GatheredLight::Arrival> PhotonLight::arriving(const Vertex& at, double time, int sample, bool coarse,
                                                               int most_edges) const {
   thread_local std::vector<Arrival> result;
-  const auto& maps = maps_[piece_at(time)];
+  const auto& maps = maps_[frame_.piece_at(time)];
   const int half = frame_.settings.spp > 1 ? sample & 1 : -1;
   if (maps.size() == 1) {
     maps[0]->gather(at, time, half, coarse, most_edges, result);

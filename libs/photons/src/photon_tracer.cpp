@@ -24,12 +24,16 @@ constexpr double kMostRadius = 0.025, kMostSweep = 0.1;
 constexpr double kLeastRadius = 2e-4;
 /// Of the radius of the scene, for discs.
 constexpr double kDiscRadius = 0.0125;
+/// Cosines below which a surface is not met, and below which a footprint is no ellipse any more.
+constexpr double kParallel = 1e-7;
 constexpr double kGrazing = 1e-4;
 /// Change of the normal over a beam from which on it is no longer nearly linear: half of it to each side.
 constexpr double kCurved = 1;
 /// How often a beam is divided, and which part of the photon's flux is worth it.
 constexpr int kMostDivisions = 2;
 constexpr float kLeastDivided = 0.01f;
+/// Samples that tell how much light goes where, of all lights and targets together.
+constexpr std::size_t kPilots = 65536;
 /// All photons for each of those that stand for them where little is seen of it.
 constexpr std::int64_t kFew = 8;
 /// Share of photons that goes wherever lights shine, in case something focuses light that was not known to.
@@ -43,7 +47,7 @@ bool focuses(const Bsdf& bsdf, const Vec3f& wo) {
   for (int i = 0; i < bsdf.size(); ++i) {
     if (!bsdf.is_delta(i)) continue;
     const auto s = bsdf.sample_delta(i, wo);
-    if (s && !(s->transmitted && s->eta == 1)) return true;
+    if (s && !is_passage(*s)) return true;
   }
   return false;
 }
@@ -101,20 +105,13 @@ void join(std::vector<Bounds3f>::iterator first, std::vector<Bounds3f>::iterator
   join(middle, last, most - most / 2, out);
 }
 
-std::array<Vec3d, 2> across(const Vec3d& w) {
-  const Basis b{Vec3f(w)};
-  const Vec3d s = normalize(Vec3d(b.s) - w * dot(w, Vec3d(b.s)));
-  return {s, cross(w, s)};
-}
-
-}  // namespace
-
-namespace {
+/// Whether layers of independent halves of the samples are asked for.
 bool asks_for_halves(const RenderSettings& settings) {
   return std::any_of(settings.layers.begin(), settings.layers.end(), [](const std::string& name) {
     return name == "color.a" || name == "color.b" || name == "color.var";
   });
 }
+
 }  // namespace
 
 PhotonCounts& PhotonCounts::operator+=(const PhotonCounts& o) {
@@ -147,7 +144,7 @@ std::vector<Bounds3f> find_casters(const RayScene& rays, TimeSpan span) {
 struct PhotonTracer::Branch {
   Beam beam;
   Rgb flux;
-  float relative = 1;  ///< flux over that of the start
+  float relative = 1;  ///< flux over that of the start, at least kLeastFlux
   float rate = 0;
   double distance = 0;  ///< from the light to where the beam was bent first
   EmitterMotion emitter;
@@ -180,7 +177,7 @@ PhotonTracer::PhotonTracer(const FrameContext& piece, const PhotonOptions& optio
   moves_.resize(scene.instances.size());
   for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
     for (const int shape : scene.groups[scene.instances[i].group])
-      moves_[i] |= char(options.temporal && piece.rays.moves(i, std::uint32_t(shape), exposure));
+      moves_[i] |= char(piece.rays.moves(i, std::uint32_t(shape), exposure));
   }
   diameter_ = 2 * double(std::max(piece.rays.bounds().radius(), 1e-6f));
   const RenderSettings& s = piece.settings;
@@ -203,6 +200,7 @@ double PhotonTracer::least_radius(const Vec3d& p) const {
 void PhotonTracer::plan() {
   const std::uint32_t count = LightAim::light_count(context_.lights);
   lamps_.resize(count);
+  const auto pilots = std::uint32_t(std::clamp<std::size_t>(kPilots / (count * (casters_.size() + 1) + 1), 4, 64));
   std::vector<double> weights;
   double towards_all = 0;
   for (std::uint32_t l = 0; l < count; ++l) {
@@ -216,16 +214,15 @@ void PhotonTracer::plan() {
     lamp.aim.emplace(context_.lights, l, casters_, instant_);
     const int parts = lamp.aim->parts();
     std::vector<double> power(parts);
-    constexpr std::uint32_t kPilot = 64;
     for (int k = 0; k < parts; ++k) {
       std::vector<double> alone(parts);
       alone[k] = 1;
-      for (std::uint32_t i = 0; i < kPilot; ++i) {
+      for (std::uint32_t i = 0; i < pilots; ++i) {
         const SampleStream stream(SamplerKind::kSobol, context_.settings.seed, stream_number(StreamPurpose::kPilot, 0),
                                   int(l), k, i);
         const LightNumbers u = stream.light();
         const auto e = lamp.aim->emit(k, alone, u.choice, u.position, u.direction);
-        if (e) power[k] += double(luminance(e->power)) / (e->pdf_position * e->pdf_direction * kPilot);
+        if (e) power[k] += double(luminance(e->power)) / (e->pdf_position * e->pdf_direction * pilots);
       }
     }
     double towards = 0;
@@ -285,21 +282,20 @@ std::optional<PhotonTracer::Branch> PhotonTracer::start(const Share& share, std:
   b.flux = e->power * float(1 / (n * e->pdf_position * e->pdf_direction));
   b.photons = lamp.photons;
   b.half = std::uint8_t(halves_ ? i & 1 : 0);
-  // The first eighth of a part, whole pairs of the two halves.
-  const std::int64_t few = options_.discs ? share.count : share.count / (2 * kFew) * 2;
-  if (i < std::max(few, std::min<std::int64_t>(share.count, 2)))
-    b.coarse_scale = float(double(share.count) / double(std::max(few, std::min<std::int64_t>(share.count, 2))));
+  // The first eighth of a part, whole pairs of the two halves; two at least, as every part has.
+  const std::int64_t few = options_.discs ? share.count : std::max<std::int64_t>(share.count / (2 * kFew) * 2, 2);
+  if (i < few) b.coarse_scale = float(double(share.count) / double(few));
   b.beam.x = e->p, b.beam.w = e->w;
   // Cells of the light that one photon stands for, so large that `overlap` of them cover a point.
   const double beta = std::sqrt(4 * options_.overlap_of(lamp.photons) / kPiD);
   int column = 0;
   if (!e->delta_position) {
     const double size = beta / std::sqrt(n * e->pdf_position);
-    for (const Vec3d& d : across(e->infinite ? e->w : Vec3d(e->n))) b.beam.dx[column++] = d * size;
+    for (const Vec3d& d : tangents_of(e->infinite ? e->w : Vec3d(e->n))) b.beam.dx[column++] = d * size;
   }
   if (!e->delta_direction) {
     const double size = std::min(beta / std::sqrt(n * e->pdf_direction), kMostSpread);
-    for (const Vec3d& d : across(e->w)) {
+    for (const Vec3d& d : tangents_of(e->w)) {
       // Light from infinity turns about where it passes what it is aimed at, not about where it is taken to start.
       b.beam.dx[column] = d * (-size * e->pivot);
       b.beam.dw[column++] = d * size;
@@ -353,8 +349,7 @@ void PhotonTracer::store(const Branch& b, const SurfaceFrame& f, const SurfacePo
   p.instance = point.instance;
   p.events = b.events;
   p.half = b.half;
-  p.moving = moves_[point.instance];
-  if (!is_finite(p.flux)) return;
+  if (!is_finite(p.flux) || !is_finite(p.footprint.center) || !is_finite(p.n)) return;
   out.push_back(p);
   ++counts.stored;
   counts.clamped += clamped;
@@ -394,6 +389,80 @@ Beam::Columns perturbed_normal_change(const RayScene& rays, const Vertex& v, con
   return r;
 }
 
+/// A way on from a surface, by one of its specular lobes or by facets that are nearly so, with the flux that takes it.
+struct Way {
+  BsdfSample sample;
+  Rgb flux;
+};
+using Ways = FixedStack<Way, Bsdf::kMaxLobes + 1>;
+
+/// All ways of flux that arrives from wl: every delta, and one direction of all near-specular lobes together.
+Ways specular_ways(const Vertex& v, const Vec3f& wl, const Rgb& flux, const VertexNumbers& u) {
+  Ways ways;
+  const float cos_l = std::max(std::abs(dot(v.s.ng, wl)), 1e-7f);
+  const auto add = [&](const BsdfSample& s, const Rgb& f) {
+    const Rgb onward = flux * f * (1 / cos_l);
+    if (!is_black(onward) && is_finite(onward)) ways.push({s, onward});
+  };
+  for (int i = 0; i < v.bsdf.size(); ++i) {
+    if (!v.bsdf.is_delta(i)) continue;
+    if (const auto s = v.bsdf.sample_delta(i, wl))
+      add(*s, s->sum() * delta_flux_factor(v.bsdf.frame(i).n, v.s.ng, wl, *s));
+  }
+  if (v.bsdf.has_near_specular()) {
+    if (const auto s = v.bsdf.sample_near_specular(wl, u.lobe, u.direction))
+      add(*s, v.bsdf.eval_near_specular(s->wi, wl).sum() * (std::abs(dot(v.s.ng, s->wi)) / s->pdf));
+  }
+  return ways;
+}
+
+/// What bending a beam told.
+struct Bend {
+  bool passes = true;    ///< false: it is reflected totally where it should be refracted
+  double curvature = 0;  ///< largest change of the normal over the beam, radians
+  int pair = 0;          ///< 0: by the first two columns, 1: by the others
+};
+/// Sends a beam that has arrived at a vertex on by a specular sample that does not pass straight through.
+Bend bend(const RayScene& rays, const Vertex& v, const SurfaceFrame& f, const Vec3f& wl, const BsdfSample& s, double t,
+          Beam& beam) {
+  const MatterChange change = matter_change(f, beam);
+  Beam::Columns turn = normal_change(f, change);
+  Vec3d n(v.bsdf.frame(s.lobe).n), own = f.n;
+  if (dot(n, own) < 0) {
+    own = -own;
+    for (Vec3d& d : turn) d = -d;
+  }
+  if (!s.delta) {
+    const Vec3d wi(s.wi), wo(wl);
+    Vec3d m = s.transmitted && s.eta == 1 ? n : normalize(s.transmitted ? -(wo + wi * double(s.eta)) : wi + wo);
+    if (dot(m, n) < 0) m = -m;
+    turn = turned(turn, n, m);
+    n = m;
+  } else if (dot(n, own) < 1 - 1e-7) {
+    turn = perturbed_normal_change(rays, v, f, change, s.lobe, t);
+  } else {
+    n = own;
+  }
+  Bend r;
+  for (int i = 0; i < Beam::kSpatial; ++i) {
+    const double curvature = length(turn[i]);
+    if (curvature > r.curvature) r.curvature = curvature, r.pair = i / 2;
+  }
+  if (!s.transmitted) {
+    reflect(n, turn, beam);
+  } else if (s.eta != 1) {
+    r.passes = refract(n, turn, double(s.eta), beam);
+  }
+  if (!s.delta) beam.w = Vec3d(s.wi);
+  beam.w = normalize(beam.w);
+  // Beyond what a linear change describes: a beam that is bent so strongly does not spread farther.
+  for (int i = 0; i < Beam::kSpatial; ++i) {
+    const double spread = length(beam.dw[i]);
+    if (spread > kMostSpread) beam.dw[i] *= kMostSpread / spread;
+  }
+  return r;
+}
+
 }  // namespace
 
 void PhotonTracer::trace(std::int64_t index, std::vector<Photon>& out, PhotonCounts& counts,
@@ -404,214 +473,162 @@ void PhotonTracer::trace(std::int64_t index, std::vector<Photon>& out, PhotonCou
   if (const auto first = start(*share, i, counts)) trace(*first, stream_of(*share, i), 0, out, counts, ray_count);
 }
 
+/// Gives what has little flux left its chance, and the footprint the width that goes with it. Returns whether it goes on;
+/// `number` in [0,1).
+bool PhotonTracer::thin_out(float number, Branch& b) const {
+  if (b.relative < kLeastFlux) {
+    const float q = b.relative / kLeastFlux;
+    if (!(number < q)) return false;
+    b.flux *= 1 / q;
+    b.relative = kLeastFlux;
+    b.thinning *= q;
+  }
+  // Weak light needs fewer footprints over a point for the same noise of the whole, but those that are left after
+  // thinning out are fewer, and so wider.
+  const double overlap = options_.overlap_of(b.photons);
+  const double covers = std::max(overlap * double(b.relative), std::min(kLeastOverlap, overlap));
+  const double width = std::sqrt(covers / (overlap * double(b.thinning))), widening = width / b.width;
+  b.width = width;
+  for (int i = 0; i < Beam::kSpatial; ++i) b.beam.dx[i] *= widening, b.beam.dw[i] *= widening;
+  return true;
+}
+
+/// Moves a photon to the surface that it meets: vertex `v`, with the surface `f` around it. Returns false if there is
+/// none, or none that it could go on from.
+bool PhotonTracer::arrive(const SampleStream& stream, Branch& b, Vertex& v, SurfaceFrame& f, PhotonCounts& counts,
+                          std::uint64_t& ray_count) const {
+  const double flux = double(luminance(b.flux));
+  Ray ray{b.ray_from, Vec3f(b.beam.w), 0, kInfinity, instant_};
+  int passed = 0;
+  float pass_probability = 1;
+  const EdgeEnd end = follow(context_, stream, std::uint32_t(b.depth), ray, nullptr, v, passed, pass_probability);
+  ray_count += std::uint64_t(passed) + 1;
+  if (end != EdgeEnd::kSurface) {
+    counts.escaped_flux += flux;
+    return false;
+  }
+  Hit hit = v.hit;
+  hit.t = float(dot(Vec3d(v.s.p) - b.beam.x, b.beam.w));  // from the last surface, not from behind a mask
+  PrimitiveHit at{hit.point.u, hit.point.v, hit.t};
+  if (const auto crossing = context_.rays.refine(hit, b.beam.x, b.beam.w, instant_)) at = *crossing;
+  f = context_.rays.surface(hit.point, at.u, at.v, instant_);
+  if (!(std::abs(dot(f.ng, b.beam.w)) > kParallel) || !(at.distance > 0)) {
+    counts.absorbed_flux += flux;
+    return false;
+  }
+  if (v.material().has_absorption() && !(b.depth == 0 && b.from_infinity)) b.flux *= absorption(v, float(at.distance));
+  counts.absorbed_flux += flux - double(luminance(b.flux));
+  transfer(f, at.distance, b.beam);
+  if (!options_.temporal) b.beam.dx[Beam::kTime] = b.beam.dw[Beam::kTime] = {};
+  if (!b.bent) b.distance += at.distance;
+  v.s.bends = false;
+  v.make_bsdf();
+  return true;
+}
+
 /// Traces a beam. One that is bent too strongly for what its derivatives tell is divided into four narrower ones, and so
-/// are these. [Schjoth 2010, Sec. 3.3]
+/// are these.
 void PhotonTracer::trace(const Branch& first, const SampleStream& stream, int level, std::vector<Photon>& out,
                          PhotonCounts& counts, std::uint64_t& ray_count) const {
   const std::size_t stored_before = out.size();
   const PhotonCounts counts_before = counts;
-  int curved_pair = -1;
-  double most_curvature = kCurved;
-  const float initial = std::max(max_component(first.flux), 1e-38f) / first.relative;
-  const RayScene& rays = context_.rays;
-  const double t = instant_;
+  Bend strongest{.curvature = kCurved};
+  bool strong = false;
+  const float initial = std::max(max_component(first.flux), 1e-38f);
   constexpr std::size_t kOpen = 64;
-  thread_local std::vector<std::vector<Branch>> stacks(kMostDivisions + 1);
+  thread_local std::array<std::vector<Branch>, kMostDivisions + 1> stacks;
   std::vector<Branch>& open = stacks[level];
   open.assign(1, first);
   Vertex v;
+  SurfaceFrame f;
+  SurfacePoint met;  // first
   for (std::uint64_t traced = 0; !open.empty(); ++traced) {
     Branch b = open.back();
     open.pop_back();
-    const double flux_in = double(luminance(b.flux));
-    Ray ray{b.ray_from, Vec3f(b.beam.w), 0, kInfinity, t};
-    int passed = 0;
-    float pass_probability = 1;
-    const EdgeEnd end = follow(context_, stream, std::uint32_t(b.depth), ray, nullptr, v, passed, pass_probability);
-    ray_count += std::uint64_t(passed) + 1;
-    if (end != EdgeEnd::kSurface) {
-      counts.escaped_flux += flux_in;
-      continue;
-    }
-    Hit hit = v.hit;
-    hit.t = float(dot(Vec3d(v.s.p) - b.beam.x, b.beam.w));
-    double u = hit.point.u, w = hit.point.v, distance = hit.t;
-    if (const auto crossing = rays.refine(hit, b.beam.x, b.beam.w, t)) {
-      u = crossing->u, w = crossing->v, distance = crossing->distance;
-    }
-    const SurfaceFrame f = rays.surface(hit.point, u, w, t);
-    const double cos_g = std::abs(dot(f.ng, b.beam.w));
-    if (!(cos_g > 1e-7) || !(distance > 0)) {
-      counts.absorbed_flux += flux_in;
-      continue;
-    }
-    if (v.material().has_absorption() && !(b.depth == 0 && b.from_infinity)) b.flux *= absorption(v, float(distance));
-    const double arrived = double(luminance(b.flux));
-    counts.absorbed_flux += flux_in - arrived;
-    transfer(f, distance, b.beam);
-    if (!options_.temporal) b.beam.dx[Beam::kTime] = b.beam.dw[Beam::kTime] = {};
-    if (!b.bent) b.distance += distance;
-
+    if (!arrive(stream, b, v, f, counts, ray_count)) continue;
+    if (traced == 0) met = v.hit.point;
     const Vec3f wl = v.s.wo;
-    v.s.bends = false;
-    v.make_bsdf();
-    const MatterChange change = matter_change(f, b.beam);
-    const Beam::Columns dn = normal_change(f, change);
-    // Branches of all specular lobes.
-    struct Way {
-      BsdfSample sample;
-      Rgb flux;
-    };
-    FixedStack<Way, Bsdf::kMaxLobes + 1> ways;
-    const auto add = [&](const BsdfSample& s, const Rgb& f_cos, float pdf) {
-      const Vec3f n = v.bsdf.frame(s.lobe).n;
-      const float eta2 = s.transmitted ? s.eta * s.eta : 1.0f;
-      const float ng_wl = std::abs(dot(v.s.ng, wl)), ng_wc = std::abs(dot(v.s.ng, s.wi));
-      // Flux is conserved where radiance is compressed by refraction [Veach 1997, Sec. 5.2]; a shading normal changes
-      // it [Veach 1997, Sec. 5.3].
-      const float correction = s.delta ? eta2 * std::abs(dot(n, wl)) * ng_wc /
-                                             (std::max(std::abs(dot(n, s.wi)), 1e-7f) * std::max(ng_wl, 1e-7f))
-                                       : ng_wc / std::max(ng_wl, 1e-7f);
-      const Rgb flux = b.flux * f_cos * (correction / pdf);
-      if (!is_black(flux) && is_finite(flux)) ways.push({s, flux});
-    };
-    for (int i = 0; i < v.bsdf.size(); ++i) {
-      if (!v.bsdf.is_delta(i)) continue;
-      if (const auto s = v.bsdf.sample_delta(i, wl)) add(*s, s->sum(), 1);
-    }
-    const VertexNumbers numbers = stream.vertex(std::uint32_t(b.depth), Subpath::kLight);
-    if (v.bsdf.has_near_specular()) {
-      if (const auto s = v.bsdf.sample_near_specular(wl, numbers.lobe, numbers.direction)) {
-        const Rgb adjoint = v.bsdf.eval_near_specular(s->wi, wl).sum();
-        add(*s, adjoint, s->pdf);
-      }
-    }
-    double onward = 0;
-    for (const Way& way : ways) onward += double(luminance(way.flux));
-    if (b.bent && v.bsdf.has_diffuse()) {
-      store(b, f, hit.point, out, counts);
-      counts.stored_flux += arrived - onward;
-    } else {
-      counts.absorbed_flux += arrived - onward;
-    }
+    const Ways ways = specular_ways(v, wl, b.flux, stream.vertex(std::uint32_t(b.depth), Subpath::kLight));
+    const bool stores = b.bent && v.bsdf.has_diffuse();
+    if (stores) store(b, f, v.hit.point, out, counts);
+    double left = double(luminance(b.flux));
+    for (const Way& way : ways) left -= double(luminance(way.flux));
+    (stores ? counts.stored_flux : counts.absorbed_flux) += left;
 
     for (int k = 0; k < ways.size(); ++k) {
-      const Way& way = ways[k];
-      const BsdfSample& s = way.sample;
-      const double flux = double(luminance(way.flux));
+      const BsdfSample& s = ways[k].sample;
       Branch next = b;
-      next.flux = way.flux;
-      next.relative = max_component(way.flux) / initial;
-      if (b.events.full() || b.depth + 2 >= max_depth_ || open.size() == kOpen) {
-        counts.absorbed_flux += flux;
-        continue;
-      }
-      if (next.relative < kLeastFlux) {
-        const float q = next.relative / kLeastFlux;
-        const float number =
-            to_unit_float(std::uint32_t(mix64((std::uint64_t(stream.hash()) + (b.salt << 32)) * 0x9e3779b97f4a7c15ull +
-                                              traced * kOpen + std::uint64_t(k))));
-        if (!(number < q)) {
-          counts.absorbed_flux += flux;
+      next.flux = ways[k].flux;
+      next.relative = max_component(next.flux) / initial;
+      const double before = double(luminance(next.flux));
+      const std::uint64_t key =
+          (std::uint64_t(stream.hash()) + (b.salt << 32)) * 0x9e3779b97f4a7c15ull + traced * kOpen + std::uint64_t(k);
+      const bool ends = b.events.full() || b.depth + 2 >= max_depth_ || open.size() == kOpen ||
+                        !thin_out(to_unit_float(std::uint32_t(mix64(key))), next);
+      counts.absorbed_flux += ends ? before : before - double(luminance(next.flux));
+      if (ends) continue;
+
+      PhotonEvents::Kind event = PhotonEvents::kPassage;
+      if (!is_passage(s)) {
+        event = s.transmitted ? PhotonEvents::kTransmission : PhotonEvents::kReflection;
+        if (!next.bent && options_.temporal && options_.gauge == PhotonGauge::kMatter && moves_[v.hit.point.instance])
+          next.rate = float(follow_matter(f, next.emitter, next.distance, next.beam));
+        next.bent = true;
+        const Bend bent = bend(context_.rays, v, f, wl, s, instant_, next.beam);
+        if (!bent.passes || !is_finite(next.beam.w)) {
+          counts.absorbed_flux += double(luminance(next.flux));
           continue;
         }
-        next.flux *= 1 / q;
-        next.relative = kLeastFlux;
-        counts.absorbed_flux -= flux * (1 / double(q) - 1);
-        next.thinning *= q;
-      }
-      // Weak light needs fewer footprints over a point for the same noise of the whole, but those that are left after
-      // thinning out are fewer, and so wider.
-      const double overlap = options_.overlap_of(b.photons);
-      const double covers = std::max(overlap * double(next.relative), std::min(kLeastOverlap, overlap));
-      const double width = std::sqrt(covers / (overlap * double(next.thinning))), widening = width / next.width;
-      next.width = width;
-      for (int i = 0; i < Beam::kSpatial; ++i) next.beam.dx[i] *= widening, next.beam.dw[i] *= widening;
-      const bool straight = s.delta && s.transmitted && s.eta == 1;
-      if (!straight && !next.bent) {
-        next.bent = true;
-        if (options_.temporal && options_.gauge == PhotonGauge::kMatter && moves_[hit.point.instance])
-          next.rate = float(follow_matter(f, next.emitter, next.distance, next.beam));
-      }
-      if (!straight) {
-        Beam::Columns turn = next.beam.dx == b.beam.dx ? dn : normal_change(f, matter_change(f, next.beam));
-        Vec3d n(v.bsdf.frame(s.lobe).n);
-        Vec3d own = f.n;
-        if (dot(n, own) < 0) {
-          own = -own;
-          for (Vec3d& d : turn) d = -d;
-        }
-        if (s.delta && dot(n, own) < 1 - 1e-7)
-          turn = perturbed_normal_change(rays, v, f, matter_change(f, next.beam), s.lobe, t);
-        if (s.delta && dot(n, own) >= 1 - 1e-7) n = own;
-        if (!s.delta) {
-          const Vec3d wi(s.wi), wo(wl);
-          Vec3d m = normalize(s.transmitted ? -(wo + wi * double(s.eta)) : wi + wo);
-          if (s.transmitted && s.eta == 1) m = n;
-          if (dot(m, n) < 0) m = -m;
-          turn = turned(turn, n, m);
-          n = m;
-        }
-        for (int i = 0; i < Beam::kSpatial; ++i) {
-          const double curvature = length(turn[i]);
-          if (!(curvature > most_curvature) || next.relative < kLeastDivided || options_.discs) continue;
-          most_curvature = curvature;
-          curved_pair = i / 2;
-        }
-        if (s.transmitted) {
-          if (!(s.eta == 1) && !refract(n, turn, double(s.eta), next.beam)) {
-            counts.absorbed_flux += flux;
-            continue;
-          }
-        } else {
-          reflect(n, turn, next.beam);
-        }
-        // Beyond what a linear change describes: a beam that is bent so strongly does not spread farther.
-        for (int i = 0; i < Beam::kSpatial; ++i) {
-          const double spread = length(next.beam.dw[i]);
-          if (spread > kMostSpread) next.beam.dw[i] *= kMostSpread / spread;
-        }
+        if (bent.curvature > strongest.curvature && next.relative >= kLeastDivided && !options_.discs)
+          strongest = bent, strong = true;
         if (!s.delta) {
           const double beta = std::sqrt(4 * options_.overlap_of(b.photons) / kPiD) * next.width;
-          next.beam.w = normalize(Vec3d(s.wi));
           widen(std::min(beta / std::sqrt(double(b.photons) * double(s.pdf)), kMostSpread), next.beam);
         }
       }
-      if (!is_finite(next.beam.w)) {
-        counts.absorbed_flux += flux;
-        continue;
-      }
-      next.beam.w = normalize(next.beam.w);
-      next.events.push(straight        ? PhotonEvents::kPassage
-                       : s.transmitted ? PhotonEvents::kTransmission
-                                       : PhotonEvents::kReflection);
+      next.events.push(event);
       ++next.depth;
-      next.ray_from = rays.offset_origin(v.s.p, v.s.ng, Vec3f(next.beam.w));
+      next.ray_from = context_.rays.offset_origin(v.s.p, v.s.ng, Vec3f(next.beam.w));
       open.push_back(next);
     }
-    if (curved_pair >= 0 && level < kMostDivisions) break;
   }
-  if (curved_pair < 0) return;
+  if (!strong) return;
   if (level == kMostDivisions) {
+    ++counts.curved;
+    return;
+  }
+  // A photon stands for light on what it meets. So its parts have all of its flux, even where some would pass that by: others
+  // beside it, which do, are not divided.
+  const int u = 2 * strongest.pair, w = u + 1;
+  FixedStack<Branch, 4> parts;
+  for (int k = 0; k < 4; ++k) {
+    Branch part = first;
+    Beam& beam = part.beam;
+    const double a = k & 1 ? 0.25 : -0.25, c = k & 2 ? 0.25 : -0.25;
+    const Vec3d aside = beam.dx[u] * a + beam.dx[w] * c;
+    beam.x += aside;
+    part.ray_from += Vec3f(aside);
+    beam.w = normalize(beam.w + beam.dw[u] * a + beam.dw[w] * c);
+    for (const int i : {u, w}) beam.dx[i] *= 0.5, beam.dw[i] *= 0.5;
+    for (Vec3d& d : beam.dw) d = d - beam.w * dot(beam.w, d);
+    part.salt = part.salt * 4 + std::uint64_t(k) + 1;
+    Ray ray{part.ray_from, Vec3f(beam.w), 0, kInfinity, instant_};
+    int passed = 0;
+    float pass_probability = 1;
+    const EdgeEnd end = follow(context_, stream, std::uint32_t(part.depth), ray, nullptr, v, passed, pass_probability);
+    ray_count += std::uint64_t(passed) + 1;
+    if (end == EdgeEnd::kSurface && v.hit.point.instance == met.instance && v.hit.point.shape == met.shape)
+      parts.push(part);
+  }
+  if (parts.size() == 0) {
     ++counts.curved;
     return;
   }
   out.resize(stored_before);
   counts = counts_before;
-  const int u = 2 * curved_pair, w = u + 1;
-  for (int k = 0; k < 4; ++k) {
-    Branch part = first;
-    Beam& beam = part.beam;
-    const double a = k & 1 ? 0.25 : -0.25, b = k & 2 ? 0.25 : -0.25;
-    beam.x += beam.dx[u] * a + beam.dx[w] * b;
-    beam.w = normalize(beam.w + beam.dw[u] * a + beam.dw[w] * b);
-    part.ray_from += Vec3f(beam.dx[u] * a + beam.dx[w] * b);
-    for (const int c : {u, w}) beam.dx[c] *= 0.5, beam.dw[c] *= 0.5;
-    for (Vec3d& d : beam.dw) d = d - beam.w * dot(beam.w, d);
-    part.flux *= 0.25f;
-    part.relative *= 0.25f;
-    part.salt = part.salt * 4 + std::uint64_t(k) + 1;
-    trace(part, stream, level + 1, out, counts, ray_count);
+  for (int k = 0; k < parts.size(); ++k) {
+    parts[k].flux *= 1 / float(parts.size());
+    trace(parts[k], stream, level + 1, out, counts, ray_count);
   }
 }
 

@@ -4,6 +4,7 @@
 // Column convention: an affine map takes a point p to `linear * p + translation`. Not a general linear algebra library
 // (Eigen serves where one is needed); these exist so that no third-party type shows in a public header.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -298,6 +299,13 @@ struct Bounds3f {
   Vec3f center() const { return (lo + hi) * 0.5f; }
   float radius() const { return empty() ? 0.0f : length(hi - lo) * 0.5f; }
 };
+
+/// Two unit vectors that with unit vector n, as the third, are a right-handed orthonormal basis.
+template <class T>
+std::array<Vec3<T>, 2> tangents_of(const Vec3<T>& n) {
+  const Vec3<T> s = normalize(std::abs(n.x) > std::abs(n.y) ? Vec3<T>{-n.z, 0, n.x} : Vec3<T>{0, n.z, -n.y});
+  return {s, cross(n, s)};
+}
 
 /// Orthonormal basis around a unit normal: local coordinates with the normal along +z.
 struct Basis {

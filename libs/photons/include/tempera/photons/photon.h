@@ -5,7 +5,6 @@
 #include <cmath>
 #include <cstdint>
 
-#include "tempera/paths/light_path_expression.h"
 #include "tempera/photons/footprint.h"
 
 namespace tempera {
@@ -23,11 +22,10 @@ inline std::uint32_t direction_cell(const Vec3f& d) {
   return part(x) << 5 | part(y);
 }
 
-/// The specular events of a photon's path, the last one first: as a path from the eye meets them.
+/// The specular events of a photon's path, the last one first: as a path from the eye meets them. At most 32.
 class PhotonEvents {
  public:
   enum Kind : std::uint8_t { kReflection = 1, kTransmission = 2, kPassage = 3 };
-  static constexpr int kMost = 32;
   int size() const {
     int n = 0;
     for (std::uint64_t c = code_; c; c >>= 2) ++n;
@@ -57,10 +55,9 @@ struct Photon {
   Vec3f wi;                ///< unit, towards where it comes from
   std::uint32_t instance = 0;
   PhotonEvents events;
-  std::uint16_t suffix = 0;  ///< what the map's classifier makes of the events: an index of the map's
+  std::uint32_t suffix = 0;  ///< what the map's classifier makes of the events: an index of the map's
   std::uint8_t edges = 0;    ///< of its path, for the map
   std::uint8_t half = 0;     ///< 0 or 1: which of two independent sets it belongs to
-  bool moving = false;       ///< whether its receiver moves while the shutter is open
 };
 
 }  // namespace tempera

@@ -55,22 +55,19 @@ class PhotonLight final : public GatheredLight {
   /// `classes`: the bit of kPhotonPaths in the frame's classifier.
   PhotonLight(const FrameContext& frame, std::uint32_t classes) : frame_(frame), classes_(classes) {}
   /// Adds a map of piece `piece` of the exposure, the last one or the next. Several of one piece count in their mean.
-  void add(std::size_t piece, PhotonMap map) {
-    maps_.resize(piece + 1);
-    maps_[piece].push_back(std::make_unique<PhotonMap>(std::move(map)));
-  }
+  void add(std::size_t piece, PhotonMap map);
   std::uint64_t memory() const;
 
   std::uint32_t classes() const override { return classes_; }
-  std::span<const char> lights(double time) const override { return maps_[piece_at(time)][0]->lights(); }
+  std::span<const char> lights(double time) const override { return lights_[frame_.piece_at(time)]; }
   std::span<const Arrival> arriving(const Vertex& at, double time, int sample, bool coarse,
                                     int most_edges) const override;
 
  private:
-  std::size_t piece_at(double time) const;
   const FrameContext& frame_;
   std::uint32_t classes_;
   std::vector<std::vector<std::unique_ptr<PhotonMap>>> maps_;  // by piece
+  std::vector<std::vector<char>> lights_;                      // by piece
 };
 
 /// The pieces of a frame's exposure, each with its span: one if nothing jumps.

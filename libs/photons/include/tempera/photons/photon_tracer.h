@@ -3,7 +3,6 @@
 // Photons for caustics: light that mirrors and glass send onto surfaces that scatter it diffusely, traced from the
 // lights with its derivatives. [Schjoth 2010, Sec. 3]
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <vector>
 
@@ -11,7 +10,7 @@
 #include "tempera/photons/beam.h"
 #include "tempera/photons/photon.h"
 #include "tempera/photons/photon_options.h"
-#include "tempera/transport/frame_context.h"
+#include "tempera/transport/path_tracer.h"
 
 namespace tempera {
 
@@ -33,8 +32,8 @@ std::vector<Bounds3f> find_casters(const RayScene& rays, TimeSpan span);
 /// Photons of one piece of an exposure, all traced at one instant. Threads: const and re-entrant.
 class PhotonTracer {
  public:
-  /// `exposure`: of the piece, `piece`: its context, which must outlive this. `set`: the which of the instants of the
-  /// exposure (PhotonOptions::instants_of); each has photons of its own.
+  /// `exposure`: of the piece, `piece`: its context, which must outlive this. `set`: which of the instants of the exposure
+  /// (PhotonOptions::instants_of); each has photons of its own. `photons`: about as many are emitted.
   PhotonTracer(const FrameContext& piece, const PhotonOptions& options, TimeSpan exposure, int set,
                std::int64_t photons, int max_depth);
 
@@ -43,7 +42,10 @@ class PhotonTracer {
   TimeSpan exposure() const { return exposure_; }
   /// When the shutter is open since the instant, and how footprints are spread.
   const KernelSettings& kernel() const { return kernel_; }
+  /// How many there are: those asked for, but for rounding, and at least two for each part of the light of each lamp.
   std::int64_t photons() const { return photons_; }
+  /// By instance: whether any of it moves within the exposure.
+  const std::vector<char>& moves() const { return moves_; }
   /// Whether they are two independent sets, as layers of halves and of variance ask for; one is spread more evenly.
   bool halves() const { return halves_; }
   /// Which lights emit them, by the indices of LightSample::light.
@@ -70,6 +72,9 @@ class PhotonTracer {
   std::optional<Branch> start(const Share& share, std::int64_t i, PhotonCounts& counts) const;
   void trace(const Branch& first, const SampleStream& stream, int level, std::vector<Photon>& out, PhotonCounts& counts,
              std::uint64_t& rays) const;
+  bool thin_out(float number, Branch& b) const;
+  bool arrive(const SampleStream& stream, Branch& b, Vertex& v, SurfaceFrame& f, PhotonCounts& counts,
+              std::uint64_t& rays) const;
   void store(const Branch& b, const SurfaceFrame& f, const SurfacePoint& point, std::vector<Photon>& out,
              PhotonCounts& counts) const;
   double least_radius(const Vec3d& p) const;
@@ -87,7 +92,7 @@ class PhotonTracer {
   std::vector<Lamp> lamps_;
   std::vector<char> lights_;
   std::vector<Share> shares_;
-  std::vector<char> moves_;  // by instance
+  std::vector<char> moves_;
   double diameter_ = 0;
   Vec3d eye_;
   double pixel_size_ = 0, pixel_angle_ = 0;

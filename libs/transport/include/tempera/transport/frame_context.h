@@ -28,13 +28,14 @@ struct FrameContext {
   /// For each piece of the exposure what its rays and lights are; none if there is but one piece.
   std::span<const FrameContext> pieces{};
 
-  /// This context for paths of time t (seconds): their rays meet what is there then.
-  const FrameContext& at(double t) const {
-    if (pieces.empty()) return *this;
+  /// Which piece time t (seconds) lies in; 0 if there are none.
+  std::size_t piece_at(double t) const {
     std::size_t i = 0;
     while (i + 1 < pieces.size() && t >= pieces[i + 1].rays.rays().begin) ++i;
-    return pieces[i];
+    return i;
   }
+  /// This context for paths of time t (seconds): their rays meet what is there then.
+  const FrameContext& at(double t) const { return pieces.empty() ? *this : pieces[piece_at(t)]; }
 };
 
 /// Pixels [x0,x1) x [y0,y1) of a frame.

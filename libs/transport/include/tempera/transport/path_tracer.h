@@ -183,6 +183,17 @@ inline Rgb absorption(const Vertex& v, float d) {
   return exp(v.material().absorption(v.s) * -d);
 }
 
+/// Whether light goes straight on through a thin sheet: the P of expressions.
+inline bool is_passage(const BsdfSample& s) { return s.delta && s.transmitted && s.eta == 1; }
+
+/// What a delta lobe with shading normal n multiplies flux by that arrives from wl, beside the lobe's coefficient and over
+/// the cosine of arrival with the geometric normal ng: flux is conserved where radiance is compressed by refraction
+/// [Veach 1997, Sec. 5.2]; a shading normal changes it [Veach 1997, Sec. 5.3].
+inline float delta_flux_factor(const Vec3f& n, const Vec3f& ng, const Vec3f& wl, const BsdfSample& s) {
+  const float eta2 = s.transmitted ? s.eta * s.eta : 1.0f;
+  return eta2 * std::abs(dot(n, wl) * dot(ng, s.wi)) / std::max(std::abs(dot(n, s.wi)), 1e-7f);
+}
+
 /// Light of a class of paths that something else than the path tracer finds, as photons find caustics.
 class GatheredLight {
  public:
@@ -237,8 +248,8 @@ struct Tally {
     total += states.add_to(classifier, c * (Rgb(1.0f) - owned), f, classes);
   }
   /// Light of the classes that are left out, which arrives at a vertex whose throughput is `beta`, seen from v.s.wo.
-  [[gnu::noinline]] void add(const WeightedStates& states, const Rgb& beta, const Vertex& v,
-                             std::span<const GatheredLight::Arrival> arrivals) {
+  [[gnu::noinline]] void add_gathered(const WeightedStates& states, const Rgb& beta, const Vertex& v,
+                                      std::span<const GatheredLight::Arrival> arrivals) {
     for (const GatheredLight::Arrival& a : arrivals) {
       // Irradiance is by the geometric normal, f_cos by those of the lobes.
       const Rgb f = v.bsdf.eval(v.s.wo, a.wi).f_cos[std::size_t(Event::kDiffuse)];
@@ -401,7 +412,8 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     if (edges >= options.max_depth || v.bsdf.empty()) break;
     const VertexNumbers u = camera.stream.vertex(index);
     if (gathered_light && v.bsdf.has_non_delta()) {
-      tally.add(states, beta, v, gathered_light->arriving(v, time, camera.index, blurred, options.max_depth - edges));
+      tally.add_gathered(states, beta, v,
+                         gathered_light->arriving(v, time, camera.index, blurred, options.max_depth - edges));
     }
 
     // Next-event estimation. Each event's share goes to the class that it leads to. [Zimmer 2015, Sec. 3]
@@ -444,7 +456,7 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     eta_product *= eta2;
     beta *= total * inv_pdf;
     blurred |= sample->event == Event::kDiffuse;
-    if (by_class) states.scatter(classifier, sample->f_cos, sample->delta && sample->transmitted && sample->eta == 1);
+    if (by_class) states.scatter(classifier, sample->f_cos, is_passage(*sample));
     if (chains && chains->active()) chains->scatter(sample->f_cos);
     mis = !sample->delta && next_event;
     bsdf_pdf = sample->pdf;
