@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Complete pictures with caustics by photons, against path tracing.
+#include <array>
 #include <functional>
 
 #include "box_shot.h"
@@ -12,7 +13,11 @@ namespace {
 
 const MaterialPtr kWhite = make_diffuse(0.7f);
 
-MaterialPtr glass() { return make_dielectric({}); }
+MaterialPtr glass(float alpha = 0) {
+  DielectricParams p;
+  if (alpha > 0) p.roughness = {true, Microfacets::kGgx, alpha, alpha, true};
+  return make_dielectric(p);
+}
 MaterialPtr metal(float alpha) {
   ConductorParams p;
   if (alpha > 0) p.roughness = {true, Microfacets::kGgx, alpha, alpha, true};
@@ -79,7 +84,14 @@ INSTANTIATE_TEST_SUITE_P(
                     Case{"coated_floor", [] { return BoxShot(plastic(), metal(0)).area_light(); }},
                     Case{"coated_ball", [] { return BoxShot(kWhite, plastic()).area_light(); }},
                     Case{"sharp_metal", [] { return BoxShot(kWhite, metal(0.05f)).area_light(); }},
-                    Case{"masked_ball", [] { return BoxShot(kWhite, make_mask(0.6f, glass())).area_light(); }},
+                    Case{"nearly_smooth_glass", [] { return BoxShot(kWhite, glass(0.05f)).area_light(); }},
+        Case{"nearly_smooth_water",
+             [] {
+               BoxShot shot = BoxShot(kWhite, nullptr).area_light();
+               shot.add(quad({0, -0.5f, 0}, {1, 0, 0}, {0, 0, -1}), glass(0.05f));
+               return shot;
+             }},
+        Case{"masked_ball", [] { return BoxShot(kWhite, make_mask(0.6f, glass())).area_light(); }},
                     Case{"pane",
                          [] {
                            BoxShot shot = BoxShot(kWhite, metal(0)).area_light();
@@ -195,6 +207,32 @@ TEST(Photons, AddUpWithClasses) {
     }
   }
   EXPECT_GT(caustic, 1);
+}
+
+// Each half of two stands for all light, as one set of photons does.
+TEST(Photons, HalvesHoldTheSameLight) {
+  BoxShot shot = BoxShot(kWhite, glass()).area_light();
+  shot.settings.spp = 64;
+  shot.settings.classes = {{"caustics", kPhotonPaths}};
+  shot.integrator = "temporal_photon";
+  shot.parameters += ",photons=30000";
+  const auto sum = [](const Image& image) {
+    double s = 0;
+    for (const float v : image.values()) s += double(v);
+    return s;
+  };
+  constexpr std::array kLayers{"class.caustics.color", "class.caustics.color.a", "class.caustics.color.b"};
+  double one = 0;
+  std::array<double, 3> halves{};
+  for (int seed = 1; seed <= kSeeds; ++seed) {
+    shot.settings.seed = std::uint64_t(seed);
+    shot.settings.layers = {"color"};
+    one += sum(shot.render().layer(kLayers[0]));
+    shot.settings.layers = {"color", "color.a", "color.b"};
+    const Frame two = shot.render();
+    for (int i = 0; i < 3; ++i) halves[i] += sum(two.layer(kLayers[i]));
+  }
+  for (int i = 0; i < 3; ++i) EXPECT_NEAR(halves[i] / one, 1, 0.05) << kLayers[i];
 }
 
 // The halves of the samples see independent photons, so they tell the noise of photons, too.
