@@ -7,6 +7,7 @@
 #include "program.h"
 #include "tempera/core/log.h"
 #include "tempera/core/parallel.h"
+#include "tempera/pipeline/caustics.h"
 #include "tempera/pipeline/memory.h"
 #include "tempera/pipeline/scene_info.h"
 
@@ -93,6 +94,8 @@ int info(const ShotFlags& flags, bool json) {
   std::optional<Shot> shot;
   if (!scene.cameras.empty()) shot = settle_shot(config, scene);
   const std::uint64_t memory = shot ? estimate_render_memory(*shot, scene) : 0;
+  const std::optional<PhotonSurvey> photons = shot ? survey_photons(scene, *shot) : std::nullopt;
+  if (photons && photons->casters == 0) log_warning(kNoCasters);
 
   if (!json) {
     print_text(described, scene);
@@ -102,6 +105,11 @@ int info(const ShotFlags& flags, bool json) {
       std::printf("%-14s %dx%d, %d samples per pixel, %s(%s)\n", "picture", s.x1() - s.x0(), s.y1() - s.y0(), s.spp,
                   shot->integrator.c_str(), shot->params.canonical().c_str());
       std::printf("%-14s about %s on top of the scene\n", "rendering", mib(memory).c_str());
+      if (photons) {
+        std::printf("%-14s frame %d, towards %s: %s\n", "photons", shot->frames.front(),
+                    counted(std::size_t(photons->casters), "caster", "casters").c_str(),
+                    describe(photons->counts).c_str());
+      }
     }
     for (const std::string& line : unsupported) std::printf("%-14s %s\n", "unsupported", line.c_str());
     return 0;
@@ -120,6 +128,18 @@ int info(const ShotFlags& flags, bool json) {
                  {"parameters", shot->params.canonical()},
                  {"layers", s.layers},
                  {"render_memory", memory}};
+    if (photons) {
+      const PhotonCounts& c = photons->counts;
+      const double whole = std::max(c.emitted_flux, 1e-300);
+      j["shot"]["photons"] = {{"frame", shot->frames.front()},
+                              {"casters", photons->casters},
+                              {"emitted", c.emitted},
+                              {"stored", c.stored},
+                              {"clamped", c.clamped},
+                              {"stored_flux", c.stored_flux / whole},
+                              {"escaped_flux", c.escaped_flux / whole},
+                              {"absorbed_flux", c.absorbed_flux / whole}};
+    }
   }
   j["unsupported"] = unsupported;
   std::printf("%s\n", j.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace).c_str());

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 
+#include "photons/photon_pass.h"
 #include "shift_observer.h"
 #include "tempera/core/parallel.h"
 #include "tempera/core/random.h"
@@ -61,8 +62,8 @@ const std::vector<ParamSpec>& GradientOptions::params() {
         {"class_gradients", false,
          "write the differences of each light-path class (--class, --decompose), too: `tempera reconstruct` then "
          "solves for each of them"});
-    const std::vector<ParamSpec>& adaptive = AdaptiveOptions::params();
-    s.insert(s.end(), adaptive.begin(), adaptive.end());
+    for (const std::vector<ParamSpec>& more : {AdaptiveOptions::params(), caustics_params(false)})
+      s.insert(s.end(), more.begin(), more.end());
     return s;
   }();
   return specs;
@@ -73,7 +74,8 @@ GradientOptions::GradientOptions(const Params& p)
       adaptive(p),
       roughness_threshold(float(p.get_double("roughness_threshold"))),
       rare(p.get_bool("rare")),
-      class_gradients(p.get_bool("class_gradients")) {}
+      class_gradients(p.get_bool("class_gradients")),
+      photons(caustics_by_photons(p)) {}
 
 void check_gradient_settings(const RenderSettings& settings, std::string_view integrator) {
   if (settings.clock.shutter.rolling != 0) {
@@ -86,6 +88,7 @@ void check_gradient_settings(const RenderSettings& settings, std::string_view in
 std::vector<LayerDesc> gradient_outputs(const GradientOptions& options, const RenderSettings& settings,
                                         const std::string& prefix, bool with_color) {
   std::vector<LayerDesc> of_light{layers::grad_x(), layers::grad_y()};
+  if (options.photons) of_light.push_back(layers::photon_color());
   if (with_color) of_light.insert(of_light.begin(), layers::color());
   std::vector<LayerDesc> result = of_light;
   if (options.class_gradients) {
@@ -115,9 +118,11 @@ std::vector<LayerDesc> gradient_work_layers(const GradientOptions& options, cons
   return result;
 }
 
-std::vector<std::string> gradient_layer_names(const std::string& prefix, int estimates) {
+std::vector<std::string> gradient_layer_names(const GradientOptions& options, const std::string& prefix,
+                                              int estimates) {
   std::vector<std::string> names;
   for (const char* name : {"grad.x", "grad.y", "grad.x.var", "grad.y.var"}) names.push_back(prefix + name);
+  if (options.photons) names.push_back(prefix + "photon.color");
   for (const LayerDesc& d : rare_layers(prefix, estimates)) names.push_back(d.name);
   return names;
 }
@@ -125,13 +130,15 @@ std::vector<std::string> gradient_layer_names(const std::string& prefix, int est
 std::size_t GradientTile::bytes_of_pixel(const GradientOptions& options, const RenderSettings& settings) {
   const std::size_t classes = settings.classes.empty() ? 0 : settings.classes.size() + 1;
   return TileFilm::bytes_of_pixel(settings) + sizeof(Pixel) + sizeof(RarePixel) +
-         (options.class_gradients ? classes * 4 * sizeof(Rgb) : 0);
+         (options.class_gradients ? classes * 5 * sizeof(Rgb) : 0);
 }
 
-GradientTile::GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix)
+GradientTile::GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix,
+                           const GatheredLight* gathered)
     : settings_(context.settings),
       tile_(tile),
       prefix_(prefix),
+      gathered_(gathered),
       film_(context, tile, out, prefix),
       pixels_(std::size_t(tile.x1 - tile.x0) * std::size_t(tile.y1 - tile.y0)),
       two_estimates_(out.has(prefix + "rare.a")) {
@@ -142,11 +149,12 @@ GradientTile::GradientTile(const FrameContext& context, const Tile& tile, const 
   });
   if (by_class) class_count_ = settings_.classes.size() + 1;
   class_sums_.resize(pixels_.size() * 4 * class_count_);
+  if (gathered) class_apart_.resize(pixels_.size() * class_count_);
 }
 
 void GradientTile::sample(const FrameContext& context, const GradientOptions& options, int x, int y,
                           const PixelKey& key, int first, int count, RenderCounters& counters) {
-  if (class_count_ > 0) {
+  if (class_count_ > 0 || gathered_) {
     sample_pixel<true>(context, options, x, y, key, first, count, counters);
   } else {
     sample_pixel<false>(context, options, x, y, key, first, count, counters);
@@ -159,14 +167,17 @@ void GradientTile::sample_pixel(const FrameContext& context, const GradientOptio
   Pixel& p = pixels_[std::size_t(y - tile_.y0) * std::size_t(tile_.x1 - tile_.x0) + std::size_t(x - tile_.x0)];
   const std::array<bool, 4> neighbours = inside(settings_, x, y);
   std::uint64_t rays = 0, shadow_rays = 0;
-  std::vector<Rgb> classes(4 * class_count_);
+  std::vector<Rgb> classes(4 * class_count_), apart(class_apart_.empty() ? 0 : class_count_);
   for (int i = first; i < first + count; ++i) {
     const CameraSample camera = camera_sample(context, key, x, y, i);
     const FrameContext& now = context.at(camera.time);
     std::fill(classes.begin(), classes.end(), Rgb(0.0f));
-    ShiftObserver<kByClass> shifts(now, options.path, options.roughness_threshold, camera, neighbours, classes);
-    const SampleResult r =
-        trace_path(now, options.path, camera, film_.sample_classes(), film_.features(), shifts, film_.chains());
+    std::fill(apart.begin(), apart.end(), Rgb(0.0f));
+    ShiftObserver<kByClass> shifts(now, options.path, options.roughness_threshold, camera, neighbours, classes,
+                                   gathered_, apart);
+    SampleResult r = trace_path(now, options.path, camera, film_.sample_classes(), film_.features(), shifts,
+                                film_.chains(), gathered_);
+    r.gathered = shifts.apart();
     rays += r.rays + shifts.rays();
     shadow_rays += r.shadow_rays;
     bool finite = true;
@@ -186,6 +197,8 @@ void GradientTile::sample_pixel(const FrameContext& context, const GradientOptio
     }
     for (std::size_t k = 0; k < classes.size(); ++k)
       class_sums_[(&p - pixels_.data()) * classes.size() + k] += classes[k] * camera.weight;
+    for (std::size_t k = 0; k < apart.size(); ++k)
+      class_apart_[(&p - pixels_.data()) * apart.size() + k] += apart[k] * camera.weight;
     if (!rare_.empty()) add_rare(rare_[&p - pixels_.data()], r, shifts, camera.weight, even);
   }
   counters.samples += std::uint64_t(count);
@@ -196,7 +209,7 @@ void GradientTile::sample_pixel(const FrameContext& context, const GradientOptio
 template <bool kByClass>
 void GradientTile::add_rare(RarePixel& pixel, const SampleResult& sample, const ShiftObserver<kByClass>& shifts,
                             float weight, bool even) const {
-  SampleParts common{sample.radiance * weight};
+  SampleParts common{(sample.radiance - sample.gathered) * weight};
   for (std::size_t j = 0; j < 4; ++j) common[j + 1] = shifts.g(j) * weight;
   RareLight& light = pixel.estimates[two_estimates_ && !even ? 1 : 0];
   ++light.count;
@@ -239,6 +252,14 @@ void GradientTile::write(Frame& out, bool of_samples) const {
   if (class_count_ > 0) {
     const std::vector<std::string> names = class_names(settings_);
     for (std::size_t k = 0; k < names.size(); ++k) {
+      if (!class_apart_.empty()) {
+        Image& apart = out.layer(prefix_ + layers::class_layer(names[k], layers::photon_color()).name);
+        for (std::size_t i = 0; i < pixels_.size(); ++i) {
+          const int w = tile_.x1 - tile_.x0, x = int(i) % w, y = int(i) / w;
+          apart.set_rgb(tile_.x0 + x - settings_.x0(), tile_.y0 + y - settings_.y0(),
+                        class_apart_[i * class_count_ + k] * (1 / float(std::max(pixels_[i].count, 1))));
+        }
+      }
       for (const Side side : {kRight, kDown, kLeft, kUp}) {
         Image& means = out.layer(prefix_ + layers::class_layer(names[k], side_layer(side)).name);
         const Rgb* sum = class_sums_.data() + side * class_count_ + k;
@@ -306,6 +327,7 @@ void GradientTile::save(ByteWriter& out) const {
   out.values(pixels_);
   out.values(rare_);
   out.values(class_sums_);
+  out.values(class_apart_);
 }
 
 void GradientTile::load(ByteReader& in) {
@@ -313,6 +335,7 @@ void GradientTile::load(ByteReader& in) {
   in.values(pixels_);
   in.values(rare_);
   in.values(class_sums_);
+  in.values(class_apart_);
 }
 
 GradientBatches::GradientBatches(const RenderSettings& settings, const GradientOptions& options, int spp)
@@ -333,11 +356,12 @@ std::vector<PassDesc> GradientBatches::passes(const GradientOptions& options, co
   return result;
 }
 
-bool GradientBatches::render(const FrameContext& context, const GradientOptions& options, int batch, const Tile& tile,
-                             UnitOutput& out, RenderCounters& counters, const std::stop_token& stop) const {
+bool GradientBatches::render(const FrameContext& context, const GradientOptions& options, const GatheredLight* gathered,
+                             int batch, const Tile& tile, UnitOutput& out, RenderCounters& counters,
+                             const std::stop_token& stop) const {
   const RenderSettings& s = context.settings;
   const bool last = batch + 1 == plan_.count;
-  GradientTile film(context, tile, out.picture(), "");
+  GradientTile film(context, tile, out.picture(), "", gathered);
   if (batch > (plan_.keep_first ? 0 : 1)) {
     ByteReader in(out.kept());
     film.load(in);

@@ -22,6 +22,7 @@ struct GradientOptions {
   float roughness_threshold = 0.001f;
   bool rare = true;              ///< whether to write what robust reconstruction keeps apart (rare_light.h)
   bool class_gradients = false;  ///< whether to write the differences of each light-path class, too
+  bool photons = false;          ///< whether caustics are found by photons
 
   static const std::vector<ParamSpec>& params();
   explicit GradientOptions(const Params& p);
@@ -36,15 +37,17 @@ std::vector<LayerDesc> gradient_outputs(const GradientOptions& options, const Re
 std::vector<LayerDesc> gradient_work_layers(const GradientOptions& options, const RenderSettings& settings,
                                             const std::string& prefix);
 /// Names of the layers that a pass can write beside those of a film. `estimates`: as rare_layers has it.
-std::vector<std::string> gradient_layer_names(const std::string& prefix, int estimates);
+std::vector<std::string> gradient_layer_names(const GradientOptions& options, const std::string& prefix,
+                                              int estimates);
 
 /// The samples of a tile, and what paths shifted to the neighbouring pixels say of the differences. Estimates from the
 /// two sides of a difference are weighted as if both pixels had equally many samples, whatever they have: so the
 /// weights of a pair of paths add up to one in any order and number of batches. Threads: one thread each.
 class GradientTile {
  public:
-  /// Gathers what `out` has layers for, under names that begin with `prefix`.
-  GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix);
+  /// Gathers what `out` has layers for, under names that begin with `prefix`. `gathered`: as trace_path has it.
+  GradientTile(const FrameContext& context, const Tile& tile, const Frame& out, const std::string& prefix,
+               const GatheredLight* gathered);
   /// That `save` takes, about.
   static std::size_t bytes_of_pixel(const GradientOptions& options, const RenderSettings& settings);
 
@@ -74,11 +77,13 @@ class GradientTile {
   const RenderSettings& settings_;
   Tile tile_;
   std::string prefix_;
+  const GatheredLight* gathered_;
   TileFilm film_;
   std::vector<Pixel> pixels_;
   std::vector<RarePixel> rare_;  ///< empty if not asked for
   std::size_t class_count_ = 0;  ///< whose differences are gathered, paths of no class included
   std::vector<Rgb> class_sums_;  ///< contributions to the four differences of a pixel, by class
+  std::vector<Rgb> class_apart_;  ///< what stays out of these, by class; empty without gathered light
   bool two_estimates_;
 };
 
@@ -96,8 +101,8 @@ class GradientBatches {
   static std::vector<PassDesc> passes(const GradientOptions& options, const RenderSettings& settings, int spp);
   int count() const { return plan_.count; }
   /// Renders batch `batch` of a tile. Returns false if it was stopped. Threads: concurrently for different tiles.
-  bool render(const FrameContext& context, const GradientOptions& options, int batch, const Tile& tile, UnitOutput& out,
-              RenderCounters& counters, const std::stop_token& stop) const;
+  bool render(const FrameContext& context, const GradientOptions& options, const GatheredLight* gathered, int batch,
+              const Tile& tile, UnitOutput& out, RenderCounters& counters, const std::stop_token& stop) const;
   /// Places the batch after `batch`, once all tiles of `out` hold this one.
   void end(const RenderSettings& settings, const GradientOptions& options, int batch, int frame, const Frame& out);
   void save(ByteWriter& out) const;

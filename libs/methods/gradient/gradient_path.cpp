@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // Gradient-domain path tracing of single frames. [Kettunen 2015]
 #include "gradient_pass.h"
+#include "photons/photon_pass.h"
 #include "tempera/methods/method.h"
 #include "tempera/methods/motion_layers.h"
 #include "tempera/transport/tile_film.h"
@@ -12,19 +13,28 @@ namespace {
 struct GradientState final : SectionState {
   GradientState(const RenderSettings& settings, const GradientOptions& options)
       : batches(settings, options, settings.spp) {}
-  void save(ByteWriter& out) const override { batches.save(out); }
-  void load(ByteReader& in) override { batches.load(in); }
+  void save(ByteWriter& out) const override {
+    batches.save(out);
+    photons.save(out);
+  }
+  void load(ByteReader& in) override {
+    batches.load(in);
+    photons.load(in);
+  }
   GradientBatches batches;
+  PhotonState photons;
 };
 
 class GradientPath final : public Method {
  public:
-  explicit GradientPath(const Params& p) : options_(p) {}
+  explicit GradientPath(const Params& p) : options_(p) {
+    if (options_.photons) photons_.emplace(PhotonOptions(p), options_.path.max_depth);
+  }
 
   std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
     check_gradient_settings(settings, "gradient_path");
     plan_batches(options_.adaptive, settings.spp);
-    std::vector<LayerDesc> result = film_outputs(settings, "gradient_path", gradient_layer_names("", 2));
+    std::vector<LayerDesc> result = film_outputs(settings, "gradient_path", gradient_layer_names(options_, "", 2));
     add_missing(result, gradient_outputs(options_, settings, "", false));
     if (options_.rare) {
       add_missing(result, rare_layers("", 2));
@@ -37,28 +47,44 @@ class GradientPath final : public Method {
     if (options_.rare) add_missing(result, rare_work_layers("", 2));
     return result;
   }
+  std::vector<std::string> own_classes() const override { return photon_classes(photons_); }
   std::vector<PassDesc> passes(const RenderSettings& settings, FrameRange /*section*/) const override {
-    return GradientBatches::passes(options_, settings, settings.spp);
+    std::vector<PassDesc> result = GradientBatches::passes(options_, settings, settings.spp);
+    return photons_ ? photons_->passes(settings, result) : result;
   }
   std::unique_ptr<SectionState> begin(const SceneWindow& window) const override {
     return std::make_unique<GradientState>(window.settings(), options_);
   }
-  void begin_pass(const SceneWindow& window, SectionState* /*state*/, int /*pass*/,
+  void begin_pass(const SceneWindow& window, SectionState* state, int pass,
                   std::span<const Image> /*reads*/) const override {
+    PhotonState& photons = static_cast<GradientState*>(state)->photons;
+    if (batch_of(pass) < 0) return photons_->begin(window, photons, 0);
+    if (photons_) photons_->begin_gather(window, photons);
     prepare_motion_layers(window);
   }
   void run(const SceneWindow& window, SectionState* state, const Unit& unit, UnitOutput& out, RenderCounters& counters,
            std::stop_token stop) const override {
+    const auto& gradients = *static_cast<const GradientState*>(state);
+    const GradientBatches& batches = gradients.batches;
+    const int batch = batch_of(unit.pass);
+    if (batch < 0) {
+      photons_->run(window, gradients.photons, unit.number, out, counters, stop);
+      return;
+    }
     const FrameContext& context = window.frame(unit.frame);
-    const GradientBatches& batches = static_cast<const GradientState*>(state)->batches;
-    if (batches.render(context, options_, unit.pass, unit.tile, out, counters, stop) &&
-        unit.pass + 1 == batches.count()) {
+    if (batches.render(context, options_, gradients.photons.light(), batch, unit.tile, out, counters, stop) &&
+        batch + 1 == batches.count()) {
       write_motion_layers(window, unit, out);
     }
   }
   void end_pass(const SceneWindow& window, SectionState* state, int pass, const PassResult& result) const override {
-    static_cast<GradientState*>(state)->batches.end(window.settings(), options_, pass, window.section().first,
-                                                    *result.pictures[0]);
+    auto& gradients = *static_cast<GradientState*>(state);
+    const int batch = batch_of(pass);
+    if (batch < 0) {
+      photons_->end(window, gradients.photons, result);
+      return;
+    }
+    gradients.batches.end(window.settings(), options_, batch, window.section().first, *result.pictures[0]);
   }
   void finish(Frame& out) const override {
     join_gradients("", out);
@@ -70,7 +96,11 @@ class GradientPath final : public Method {
   }
 
  private:
+  /// That a pass renders; -1 for the pass of photons.
+  int batch_of(int pass) const { return photons_ ? pass - 1 : pass; }
+
   GradientOptions options_;
+  std::optional<PhotonPass> photons_;
 };
 
 }  // namespace

@@ -46,6 +46,7 @@ void ShiftObserver<kByClass>::next_event(const Vertex& at, const LightSample& li
   const Rgb f_sum = f.sum();
   const Rgb le = light.radiance * (visible / light.pdf);
   const Rgb base = beta_ * f_sum * le;
+  if constexpr (kByClass) owned_ = owned(light);
   const auto density = [&](const Rgb& value, float pdf, float v) {  // nothing is sampled where nothing is carried
     return v > 0 && !light.delta && !is_black(value) ? sqr(pdf) : 0.0f;
   };
@@ -101,9 +102,69 @@ void ShiftObserver<kByClass>::next_event(const Vertex& at, const LightSample& li
       }
     }
     const float weight = pl2 / (pl2 + pb2 + others);
-    o.g += (offset - base) * weight;
-    if constexpr (kByClass) add_to_classes(o, offset, f_classes, base, f, weight);
+    add(o, offset, f_classes, base, f, weight, owned_);
   }
+}
+
+template <bool kByClass>
+void ShiftObserver<kByClass>::add(Offset& o, const Rgb& beta, const Rgb& radiance, const Rgb& base, float weight,
+                                  [[maybe_unused]] const Rgb& owned) const {
+  if constexpr (kByClass) {
+    if (gathered_) return add_others(o, beta, radiance, nullptr, owned, base, nullptr, weight);
+  }
+  o.g += (beta * radiance - base) * weight;
+  if constexpr (kByClass) add_to_classes(o, beta, radiance, base, weight);
+}
+
+template <bool kByClass>
+void ShiftObserver<kByClass>::lose(Offset& o, const Rgb& base, float weight) const {
+  if constexpr (kByClass) {
+    if (gathered_) return add_others(o, {}, {}, nullptr, {}, base, nullptr, weight);
+  }
+  o.g -= base * weight;
+  if constexpr (kByClass) add_to_classes(o, {}, {}, base, weight);
+}
+
+template <bool kByClass>
+void ShiftObserver<kByClass>::add(Offset& o, const Rgb& offset, [[maybe_unused]] const BsdfEval& f_offset,
+                                  const Rgb& base, [[maybe_unused]] const BsdfEval& f, float weight,
+                                  [[maybe_unused]] const Rgb& owned) const {
+  if constexpr (kByClass) {
+    if (gathered_) return add_others(o, Rgb(1.0f), offset, &f_offset, owned, base, &f, weight);
+  }
+  o.g += (offset - base) * weight;
+  if constexpr (kByClass) add_to_classes(o, offset, f_offset, base, f, weight);
+}
+
+template <bool kByClass>
+void ShiftObserver<kByClass>::add_others(Offset& o, const Rgb& beta, const Rgb& radiance, const BsdfEval* f_offset,
+                                         const Rgb& owned, const Rgb& base, const BsdfEval* f, float weight) const {
+  if constexpr (kByClass) {
+    const auto add = [&](const WeightedStates& states, const Rgb& light, const BsdfEval* scatters, const Rgb& part) {
+      const auto add_part = [&](const Rgb& c, std::uint32_t without) {
+        o.g += scatters ? states.add_to(context_.classifier, c, scatters->f_cos, o.by_class.classes, without)
+                        : states.add_to(context_.classifier, c, o.by_class.classes, without);
+      };
+      add_part(light * part, gathered_->classes());
+      add_part(light * (Rgb(1.0f) - part), 0);
+    };
+    add(o.by_class.states, beta * radiance * weight, f_offset, owned);
+    add(by_class_.states, base * -weight, f, owned_);
+  }
+}
+
+template <bool kByClass>
+Rgb ShiftObserver<kByClass>::owned(const LightSample& light) const {
+  if (!gathered_) return {};
+  const bool one = std::isfinite(light.distance) || light.delta;  // not all that shines from there
+  return one ? Rgb(owned_lights_[light.light] ? 1.0f : 0.0f) : owned(nullptr, light.wi, light.radiance);
+}
+
+template <bool kByClass>
+Rgb ShiftObserver<kByClass>::owned(const Vertex* to, const Vec3f& wi, const Rgb& emitted) const {
+  if (!gathered_ || is_black(emitted)) return {};
+  if (to) return Rgb(owned_lights_[context_.lights.light_of(to->hit.point)] ? 1.0f : 0.0f);
+  return owned_part(context_.lights, wi, camera_.time, false, owned_lights_, emitted);
 }
 
 template <bool kByClass>
@@ -126,9 +187,9 @@ void ShiftObserver<kByClass>::add_to_classes(Offset& o, const Rgb& offset, const
 
 template <bool kByClass>
 void ShiftObserver<kByClass>::scatter(const Extension& e, const BsdfEval& f_by_event, float pdf, float jacobian,
-                                      float eta, Offset& o) const {
+                                      float eta, Offset& o, [[maybe_unused]] bool straight) const {
   const Rgb f = f_by_event.sum();
-  if constexpr (kByClass) o.by_class.states.scatter(context_.classifier, f_by_event.f_cos);
+  if constexpr (kByClass) o.by_class.states.scatter(context_.classifier, f_by_event.f_cos, straight);
   o.beta *= f * (jacobian / (e.sample.pdf * e.survival));
   o.rho *= jacobian * pdf / e.sample.pdf;
   o.roulette *= max_component(f) / pdf;
@@ -141,21 +202,24 @@ void ShiftObserver<kByClass>::extend(const Extension& e) {
     connected_ = true;
   } else if (connected_ && !rare_) {
     rare_ = true;
-    common_radiance_ = e.gathered;
+    common_radiance_ = e.gathered - apart_;
     for (std::size_t j = 0; j < 4; ++j) common_g_[j] = offsets_[j].g;
   }
   beta_ *= e.step;
-  if constexpr (kByClass) by_class_.states.scatter(context_.classifier, e.sample.f_cos);
+  if constexpr (kByClass) {
+    by_class_.states.scatter(context_.classifier, e.sample.f_cos, is_passage(e.sample));
+    owned_ = owned(e.to, e.sample.wi, e.emitted);
+  }
   if (e.to) beta_ *= absorption(*e.to, length(e.to->s.p - e.from.s.p));
   const Rgb base = beta_ * e.emitted;
   const float base_weight = 1 + sqr(e.light_pdf / e.sample.pdf);  // (pB^2 + pL^2) / pB^2
   for (Offset& o : offsets_) {
     if (o.state == Offset::kOutside) continue;
     if (o.state == Offset::kDead) {
-      o.g -= base * (1 / base_weight);
-      if constexpr (kByClass) add_to_classes(o, {}, {}, base, 1 / base_weight);
+      lose(o, base, 1 / base_weight);
       continue;
     }
+    if constexpr (kByClass) o.connected |= o.state != Offset::kFree || connects(o.vertex, e.sample.delta);
     if (o.state != Offset::kFree) {
       extend_shared(e, base, base_weight, o);
     } else if (connects(e.from, e.sample.delta) && connects(o.vertex, false) && connects_to(e.to)) {
@@ -168,6 +232,52 @@ void ShiftObserver<kByClass>::extend(const Extension& e) {
       const float q = std::min(o.roulette * o.eta2, kMaxContinue);
       o.rho *= q / e.survival;
       o.roulette /= q;
+    }
+  }
+}
+
+template <bool kByClass>
+void ShiftObserver<kByClass>::gather(const Vertex& at, std::span<const GatheredLight::Arrival> arrivals, bool coarse,
+                                     int most_edges) {
+  if constexpr (kByClass) {
+    const auto add = [&](const WeightedStates& states, const Rgb& c, const GatheredLight::Arrival& a,
+                         std::span<Rgb> classes) {
+      states.add_joined(context_.classifier, c, gathered_->classes(), classes,
+                        [&](LightPathClassifier::State s) { return a.ends[s]; });
+    };
+    const auto add_offset = [&](Offset& o, const Vertex& v, std::span<const GatheredLight::Arrival> arriving) {
+      const Rgb beta = o.beta * (1 / (1 + sqr(o.rho)));
+      for (const GatheredLight::Arrival& a : arriving) {
+        const Rgb c = beta * scattered(v, a);
+        o.g += c;
+        add(o.by_class.states, c, a, o.by_class.classes);
+      }
+    };
+    // Both ends of a pair have to agree whether it is compared at all.
+    const auto is_lost = [](const Offset& o) { return o.state == Offset::kDead || !o.connected; };
+    for (const GatheredLight::Arrival& a : arrivals) {
+      const Rgb base = beta_ * scattered(at, a);
+      if (!connected_) {
+        apart_ += base;
+        add(by_class_.states, base, a, by_class_.classes);
+        continue;
+      }
+      for (Offset& o : offsets_) {
+        if (o.state == Offset::kOutside) continue;
+        const Rgb c = base * (is_lost(o) ? -1.0f : -1 / (1 + sqr(o.rho)));
+        o.g += c;
+        add(by_class_.states, c, a, o.by_class.classes);
+      }
+    }
+    if (!connected_) return;
+    for (Offset& o : offsets_) {
+      if (o.state == Offset::kJoined) add_offset(o, at, arrivals);
+      if (o.state == Offset::kFresh) add_offset(o, o.vertex, arrivals);
+    }
+    // Asking again ends the life of `arrivals`.
+    for (Offset& o : offsets_) {
+      if (o.state == Offset::kFree && o.connected)
+        add_offset(o, o.vertex, gathered_->arriving(o.vertex, camera_.time, camera_.index, coarse, most_edges));
     }
   }
 }
@@ -188,15 +298,13 @@ void ShiftObserver<kByClass>::extend_shared(const Extension& e, const Rgb& base,
     others = sqr(o.rho) * (sqr(pdf) + (samples_lights(o.vertex.bsdf) ? sqr(pl) : 0.0f)) / sqr(pb);
   }
   if (!(pdf > 0)) {
-    o.g -= base * (1 / (base_weight + others));
-    if constexpr (kByClass) add_to_classes(o, {}, {}, base, 1 / (base_weight + others));
+    lose(o, base, 1 / (base_weight + others));
     o.state = Offset::kDead;
     return;
   }
-  scatter(e, f, pdf, 1, eta, o);
+  scatter(e, f, pdf, 1, eta, o, is_passage(e.sample));
   o.beta *= arriving;
-  o.g += (o.beta * e.emitted - base) * (1 / (base_weight + others));
-  if constexpr (kByClass) add_to_classes(o, o.beta, e.emitted, base, 1 / (base_weight + others));
+  add(o, o.beta, e.emitted, base, 1 / (base_weight + others), owned_);
   o.state = Offset::kJoined;
 }
 
@@ -211,8 +319,7 @@ void ShiftObserver<kByClass>::reconnect(const Extension& e, const Rgb& base, flo
     const Vec3f d = e.to->s.p - from;
     distance = length(d);
     if (!(distance > 0)) {
-      o.g -= base * (1 / base_weight);
-      if constexpr (kByClass) add_to_classes(o, {}, {}, base, 1 / base_weight);
+      lose(o, base, 1 / base_weight);
       o.state = Offset::kDead;
       return;
     }
@@ -251,15 +358,13 @@ void ShiftObserver<kByClass>::reconnect(const Extension& e, const Rgb& base, flo
   // An emitter that is occluded from the offset path is still what its next-event estimation would try.
   const float others = sqr(o.rho * jacobian / e.sample.pdf) * (sqr(pdf) + sqr(light_pdf));
   if (!(pdf > 0)) {
-    o.g -= base * (1 / (base_weight + others));
-    if constexpr (kByClass) add_to_classes(o, {}, {}, base, 1 / (base_weight + others));
+    lose(o, base, 1 / (base_weight + others));
     o.state = Offset::kDead;
     return;
   }
   scatter(e, f, pdf, jacobian, eta, o);
   o.beta *= arriving * (visible / e.pass_probability);
-  o.g += (o.beta * emitted - base) * (1 / (base_weight + others));
-  if constexpr (kByClass) add_to_classes(o, o.beta, emitted, base, 1 / (base_weight + others));
+  add(o, o.beta, emitted, base, 1 / (base_weight + others), owned_);
   if (!e.to) {
     o.state = Offset::kDead;
     return;
@@ -272,8 +377,7 @@ void ShiftObserver<kByClass>::reconnect(const Extension& e, const Rgb& base, flo
 template <bool kByClass>
 void ShiftObserver<kByClass>::copy_half_vector(const Extension& e, const Rgb& base, Offset& o) {
   const auto fail = [&] {
-    o.g -= base;
-    if constexpr (kByClass) add_to_classes(o, {}, {}, base, 1);
+    lose(o, base, 1);
     o.state = Offset::kDead;
   };
   const ShadingPoint& s = o.vertex.s;
@@ -282,6 +386,7 @@ void ShiftObserver<kByClass>::copy_half_vector(const Extension& e, const Rgb& ba
   Vec3f wi;
   BsdfEval f;
   float pdf = 0, jacobian = 1, eta = 1;
+  bool straight = false;
   if (sample.delta) {
     // The same lobe of the same kind; the lobes of different materials have no common numbering.
     const int i = sample.lobe;
@@ -292,6 +397,7 @@ void ShiftObserver<kByClass>::copy_half_vector(const Extension& e, const Rgb& ba
     f = *there;
     pdf = there->pdf;
     eta = there->transmitted ? there->eta : 1;
+    straight = is_passage(*there);
   } else {
     const ShadingPoint& x = e.from.s;
     const Vec3f wo = x.frame.to_local(x.wo), wi_base = x.frame.to_local(sample.wi);
@@ -328,7 +434,7 @@ void ShiftObserver<kByClass>::copy_half_vector(const Extension& e, const Rgb& ba
   // The way back would reconnect instead.
   if (could_connect && connects_to(end == EdgeEnd::kSurface ? &next : nullptr)) return fail();
 
-  scatter(e, f, pdf, jacobian, eta, o);
+  scatter(e, f, pdf, jacobian, eta, o, straight);
   Rgb emitted;
   if (end == EdgeEnd::kSurface) {
     o.beta *= absorption(next, length(next.s.p - from));
@@ -336,8 +442,7 @@ void ShiftObserver<kByClass>::copy_half_vector(const Extension& e, const Rgb& ba
   } else {
     emitted = context_.lights.environment(wi, camera_.time);
   }
-  o.g += (o.beta * emitted - base) * (1 / (1 + sqr(o.rho)));
-  if constexpr (kByClass) add_to_classes(o, o.beta, emitted, base, 1 / (1 + sqr(o.rho)));
+  add(o, o.beta, emitted, base, 1 / (1 + sqr(o.rho)), owned(end == EdgeEnd::kSurface ? &next : nullptr, wi, emitted));
   if (end == EdgeEnd::kSurface) {
     o.vertex = next;
   } else {

@@ -39,6 +39,7 @@ struct OffsetPath {
   float rho = 1;
   float roulette = 1, eta2 = 1;  ///< what Russian roulette looks at
   Vertex vertex;                 ///< kFree, kFresh: the current one, seen from this path's previous vertex
+  bool connected = false;        ///< a surface that connects was met
   Rgb g;
   [[no_unique_address]] std::conditional_t<kByClass, ClassesOfPath, NoClasses> by_class;
 };
@@ -50,11 +51,18 @@ class ShiftObserver {
  public:
   static constexpr bool kActive = true;
   /// `classes`: with kByClass, zeros for the contributions to each of the four differences, one for each class and one for
-  /// paths of none.
+  /// paths of none; or empty. `gathered`: with kByClass, what finds light of some classes instead of these paths, or null;
+  /// `apart`: zeros for what of it stays out of the differences, by class; or empty.
   ShiftObserver(const FrameContext& context, const PathOptions& options, float threshold, const CameraSample& camera,
-                std::array<bool, 4> inside, [[maybe_unused]] std::span<Rgb> classes = {})
+                std::array<bool, 4> inside, [[maybe_unused]] std::span<Rgb> classes = {},
+                [[maybe_unused]] const GatheredLight* gathered = nullptr, [[maybe_unused]] std::span<Rgb> apart = {})
       : context_(context), options_(options), threshold_(threshold), camera_(camera) {
-    if constexpr (kByClass) by_class_.states.start(context.classifier, camera.stream.hash());
+    if constexpr (kByClass) {
+      by_class_.states.start(context.classifier, camera.stream.hash());
+      by_class_.classes = apart;
+      gathered_ = gathered;
+      if (gathered) owned_lights_ = gathered->lights(camera.time);
+    }
     for (std::size_t j = 0; j < 4; ++j) {
       Offset& o = offsets_[j];
       o.state = inside[j] ? OffsetPath<kByClass>::kFree : OffsetPath<kByClass>::kOutside;
@@ -72,11 +80,17 @@ class ShiftObserver {
   /// Of a rare path, radiance and contributions to the differences from before it became one.
   const Rgb& common_radiance() const { return common_radiance_; }
   const Rgb& common_g(std::size_t j) const { return common_g_[j]; }
+  /// The part of the radiance that stays out of the differences: gathered light that is seen directly or by lobes too
+  /// narrow to connect to.
+  const Rgb& apart() const { return apart_; }
   std::uint64_t rays() const { return rays_; }
 
   void start(const Vertex* first, const Rgb& emitted);
   void next_event(const Vertex& at, const LightSample& light, const BsdfEval& f, float visible);
   void extend(const Extension& edge);
+  /// Gathered light that a path finds behind a surface that connects is compared as a lamp's would be that its BSDF
+  /// samples alone find. The rest stays apart: pixels beside each other gather it from the same photons.
+  void gather(const Vertex& at, std::span<const GatheredLight::Arrival> arrivals, bool coarse, int most_edges);
 
  private:
   using Offset = OffsetPath<kByClass>;
@@ -85,27 +99,47 @@ class ShiftObserver {
   /// The end of an edge: lights and the environment always can be connected to.
   bool connects_to(const Vertex* v) const { return !v || v->shape->emission || connects(*v, false); }
   bool samples_lights(const Bsdf& bsdf) const { return bsdf.has_non_delta() && !context_.lights.empty(); }
-  /// What a pair of paths that end at a light adds to the differences of classes: throughput of the offset path and the
-  /// radiance that it carries, light of the base path, and the pair's weight. Never inlined, so that g is rounded alike with
-  /// classes and without.
+  /// What a pair of paths that end at a light adds to a difference: throughput of the offset path and the radiance that it
+  /// carries, light of the base path, and the pair's weight. `owned`: the part of that radiance from lights whose paths
+  /// may be left out.
+  TEMPERA_INLINE void add(Offset& o, const Rgb& beta, const Rgb& radiance, const Rgb& base, float weight,
+                          const Rgb& owned) const;
+  /// The same where there is no offset path.
+  TEMPERA_INLINE void lose(Offset& o, const Rgb& base, float weight) const;
+  /// The same for light that arrives by next-event estimation, where f is what the last vertices scatter by event.
+  TEMPERA_INLINE void add(Offset& o, const Rgb& offset, const BsdfEval& f_offset, const Rgb& base, const BsdfEval& f,
+                          float weight, const Rgb& owned) const;
+  /// What of these goes to classes. Never inlined, so that g is rounded alike with classes and without.
   [[gnu::noinline]] void add_to_classes(Offset& o, const Rgb& beta, const Rgb& radiance, const Rgb& base,
                                         float weight) const;
-  /// The same for light that arrives by next-event estimation, where f is what the last vertices scatter by event.
   [[gnu::noinline]] void add_to_classes(Offset& o, const Rgb& offset, const BsdfEval& f_offset, const Rgb& base,
                                         const BsdfEval& f, float weight) const;
+  /// All of these where some paths are left out: light of the offset path is beta times radiance. `f_offset`, `f`: what the
+  /// last vertices scatter; null where the paths end at a light.
+  [[gnu::noinline]] void add_others(Offset& o, const Rgb& beta, const Rgb& radiance, const BsdfEval* f_offset,
+                                    const Rgb& owned, const Rgb& base, const BsdfEval* f, float weight) const;
+  /// Part of the radiance that a light sends, or a surface or the environment along wi, of lights whose paths may be left
+  /// out. 0 if none are.
+  Rgb owned(const LightSample& light) const;
+  Rgb owned(const Vertex* to, const Vec3f& wi, const Rgb& emitted) const;
   void extend_shared(const Extension& e, const Rgb& base, float base_weight, Offset& o) const;
   void reconnect(const Extension& e, const Rgb& base, float base_weight, Offset& o);
   void copy_half_vector(const Extension& e, const Rgb& base, Offset& o);
   /// Scattering of an offset path by `f`: its share of throughput, density and roulette.
-  TEMPERA_INLINE void scatter(const Extension& e, const BsdfEval& f, float pdf, float jacobian, float eta,
-                              Offset& o) const;
+  TEMPERA_INLINE void scatter(const Extension& e, const BsdfEval& f, float pdf, float jacobian, float eta, Offset& o,
+                              bool straight = false) const;
 
   const FrameContext& context_;
   const PathOptions& options_;
   float threshold_;
   const CameraSample& camera_;
   Rgb beta_{1.0f};  ///< of the base path
+  /// Of the base path; classes: of what stays apart.
   [[no_unique_address]] std::conditional_t<kByClass, ClassesOfPath, NoClasses> by_class_;
+  const GatheredLight* gathered_ = nullptr;
+  std::span<const char> owned_lights_;
+  Rgb owned_;  ///< of what the base path's last edge leads to
+  Rgb apart_;
   std::array<OffsetPath<kByClass>, 4> offsets_;
   std::uint64_t rays_ = 0;
   bool connected_ = false, rare_ = false;  ///< connected_: a surface that connects was met

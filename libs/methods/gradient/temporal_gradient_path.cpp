@@ -10,6 +10,7 @@
 #include <cmath>
 
 #include "gradient_pass.h"
+#include "photons/photon_pass.h"
 #include "tempera/methods/method.h"
 #include "tempera/methods/motion_layers.h"
 #include "tempera/transport/pixel_motion.h"
@@ -28,9 +29,16 @@ int offset_samples(const RenderSettings& s) { return s.spp / 2; }
 struct ReplayState final : SectionState {
   ReplayState(const RenderSettings& settings, const GradientOptions& options)
       : base(settings, options, base_samples(settings)) {}
-  void save(ByteWriter& out) const override { base.save(out); }
-  void load(ByteReader& in) override { base.load(in); }
+  void save(ByteWriter& out) const override {
+    base.save(out);
+    photons.save(out);
+  }
+  void load(ByteReader& in) override {
+    base.load(in);
+    photons.load(in);
+  }
   GradientBatches base;
+  PhotonState photons;
   ReplayMap map;
   Image samples_before;  ///< of the base pass of the frame before; empty under uniform sampling
 };
@@ -45,7 +53,9 @@ class TemporalGradientPath final : public Method {
     }();
     return specs;
   }
-  explicit TemporalGradientPath(const Params& p) : options_(p), subpixel_motion_(p.get_bool("subpixel_motion")) {}
+  explicit TemporalGradientPath(const Params& p) : options_(p), subpixel_motion_(p.get_bool("subpixel_motion")) {
+    if (options_.photons) photons_.emplace(PhotonOptions(p), options_.path.max_depth);
+  }
 
   std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
     check_gradient_settings(settings, "temporal_gradient_path");
@@ -61,14 +71,11 @@ class TemporalGradientPath final : public Method {
           "the integrator \"temporal_gradient_path\" divides the samples among two passes: spp must be at least 2");
     }
     plan_batches(options_.adaptive, base_samples(settings));
-    static const std::vector<std::string> more = [] {
-      std::vector<std::string> names = gradient_layer_names("", 1);
-      for (std::string& name : gradient_layer_names(kOffset, 1)) names.push_back(std::move(name));
-      for (const char* name :
-           {"offset.color", "offset.color.a", "offset.color.b", "offset.color.var", "offset.samples", "offset.source"})
-        names.push_back(name);
-      return names;
-    }();
+    std::vector<std::string> more = gradient_layer_names(options_, "", 1);
+    for (std::string& name : gradient_layer_names(options_, kOffset, 1)) more.push_back(std::move(name));
+    for (const char* name :
+         {"offset.color", "offset.color.a", "offset.color.b", "offset.color.var", "offset.samples", "offset.source"})
+      more.emplace_back(name);
     std::vector<LayerDesc> result = film_outputs(settings, "temporal_gradient_path", more);
     add_missing(result, gradient_outputs(options_, settings, "", false));
     add_missing(result, {layers::samples(), layers::motion_forward(), layers::motion_backward()});
@@ -96,15 +103,19 @@ class TemporalGradientPath final : public Method {
     if (options_.adaptive.mode != AdaptiveOptions::Mode::kOff)
       offset.reads = {{layers::samples().name, -1, result.back().name}};
     result.push_back(std::move(offset));
-    return result;
+    return photons_ ? photons_->passes(settings, result) : result;
   }
+  std::vector<std::string> own_classes() const override { return photon_classes(photons_); }
   std::unique_ptr<SectionState> begin(const SceneWindow& window) const override {
     return std::make_unique<ReplayState>(window.settings(), options_);
   }
   void begin_pass(const SceneWindow& window, SectionState* state, int pass,
                   std::span<const Image> reads) const override {
     auto& replay = *static_cast<ReplayState*>(state);
-    if (pass < replay.base.count()) return;
+    const int batch = batch_of(pass);
+    if (batch < 0) return photons_->begin(window, replay.photons, 0);
+    if (photons_) photons_->begin_gather(window, replay.photons);
+    if (batch < replay.base.count()) return;
     const int frame = window.section().first;
     replay.map = make_replay_map(window.middle_of_frame_before(frame), window.frame(frame));
     if (!reads.empty()) replay.samples_before = reads[0];
@@ -113,16 +124,26 @@ class TemporalGradientPath final : public Method {
   void run(const SceneWindow& window, SectionState* state, const Unit& unit, UnitOutput& out, RenderCounters& counters,
            std::stop_token stop) const override {
     const auto& replay = *static_cast<const ReplayState*>(state);
+    const int batch = batch_of(unit.pass);
+    if (batch < 0) {
+      photons_->run(window, replay.photons, unit.number, out, counters, stop);
+      return;
+    }
     const FrameContext& context = window.frame(unit.frame);
-    if (unit.pass < replay.base.count()) {
-      replay.base.render(context, options_, unit.pass, unit.tile, out, counters, stop);
+    if (batch < replay.base.count()) {
+      replay.base.render(context, options_, replay.photons.light(), batch, unit.tile, out, counters, stop);
     } else if (render_offset(context, replay, unit.tile, out.picture(), counters, stop)) {
       write_motion_layers(window, unit, out);
     }
   }
   void end_pass(const SceneWindow& window, SectionState* state, int pass, const PassResult& result) const override {
-    static_cast<ReplayState*>(state)->base.end(window.settings(), options_, pass, window.section().first,
-                                               *result.pictures[0]);
+    auto& replay = *static_cast<ReplayState*>(state);
+    const int batch = batch_of(pass);
+    if (batch < 0) {
+      photons_->end(window, replay.photons, result);
+      return;
+    }
+    replay.base.end(window.settings(), options_, batch, window.section().first, *result.pictures[0]);
   }
   void finish(Frame& out) const override {
     join_gradients("", out);
@@ -135,12 +156,14 @@ class TemporalGradientPath final : public Method {
   }
 
  private:
+  /// Of the base pass, or its number of batches for the offset pass; -1 for the pass of photons.
+  int batch_of(int pass) const { return photons_ ? pass - 1 : pass; }
   /// Each pixel with the numbers, and as many of them, as the pixel of the frame before that showed the same matter.
   /// Returns false if it was stopped.
   bool render_offset(const FrameContext& context, const ReplayState& state, const Tile& tile, Frame& out,
                      RenderCounters& counters, const std::stop_token& stop) const {
     const int x0 = context.settings.x0(), y0 = context.settings.y0();
-    GradientTile film(context, tile, out, kOffset);
+    GradientTile film(context, tile, out, kOffset, state.photons.light());
     Image& source = out.layer(kOffset + "source");
     for (int y = tile.y0; y < tile.y1; ++y) {
       for (int x = tile.x0; x < tile.x1; ++x) {
@@ -176,6 +199,7 @@ class TemporalGradientPath final : public Method {
   }
 
   GradientOptions options_;
+  std::optional<PhotonPass> photons_;
   bool subpixel_motion_;
 };
 

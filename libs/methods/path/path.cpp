@@ -32,18 +32,9 @@ const std::vector<ParamSpec>& path_params() {
   return specs;
 }
 
-/// With those of photons; `choice`: with the one that says whether there are any.
-std::vector<ParamSpec> with_photons(bool choice) {
+std::vector<ParamSpec> path_params_and(const std::vector<ParamSpec>& more) {
   std::vector<ParamSpec> s = path_params();
-  if (choice) {
-    s.push_back({"caustics",
-                 std::string("paths"),
-                 "who finds light that mirrors and glass focus on diffuse surfaces",
-                 -1e300,
-                 1e300,
-                 {"paths", "photons"}});
-  }
-  for (const ParamSpec& p : PhotonOptions::params()) s.push_back(p);
+  s.insert(s.end(), more.begin(), more.end());
   return s;
 }
 
@@ -59,19 +50,25 @@ class PathMethod final : public Method {
     PhotonOptions photons(p);
     if (caustics != Caustics::kDiscs) photons.temporal = caustics == Caustics::kPhotons;
     photons_.emplace(photons, options_.max_depth);
+    rows_ = photons_->progressive();
   }
 
   std::vector<LayerDesc> outputs(const RenderSettings& settings) const override {
-    return film_outputs(settings, "path");
+    const std::vector<std::string> more{"photon.color", "photon.color.a", "photon.color.b"};
+    if (rows_ > 1 && adaptive_error_ > 0) {
+      throw SettingError(ErrorCode::kUnsupported, "integrator.progressive",
+                         "passes of photons divide the samples evenly: progressive goes with adaptive_error = 0 alone");
+    }
+    return film_outputs(settings, "path", photons_ ? more : std::vector<std::string>{});
   }
 
-  std::vector<std::string> own_classes() const override {
-    return photons_ ? std::vector<std::string>{kPhotonPaths} : std::vector<std::string>{};
-  }
+  std::vector<std::string> own_classes() const override { return photon_classes(photons_); }
 
   std::vector<PassDesc> passes(const RenderSettings& settings, FrameRange /*section*/) const override {
     if (!photons_) return {{.name = "samples"}};
-    return {photons_->desc(settings), {.name = "samples", .waits = true}};
+    std::vector<PassDesc> result = photons_->passes(settings, {{.name = "samples"}});
+    for (std::size_t i = 1; i + 2 < result.size(); i += 2) result[i].memory = TileFilm::bytes_of_pixel(settings);
+    return result;
   }
   std::unique_ptr<SectionState> begin(const SceneWindow& /*window*/) const override {
     return photons_ ? std::make_unique<PhotonState>() : nullptr;
@@ -79,11 +76,8 @@ class PathMethod final : public Method {
   bool renders_single_pixels() const override { return adaptive_error_ == 0; }
   void begin_pass(const SceneWindow& window, SectionState* state, int pass,
                   std::span<const Image> /*reads*/) const override {
-    if (traces_photons(pass)) {
-      photons_->begin(window, photon_state(state));
-      return;
-    }
-    if (photons_) photons_->begin_gather(window, photon_state(state), int(window.settings().classes.size()));
+    if (traces_photons(pass)) return photons_->begin(window, photon_state(state), pass / 2);
+    if (photons_) photons_->begin_gather(window, photon_state(state));
     prepare_motion_layers(window);
   }
   void end_pass(const SceneWindow& window, SectionState* state, int pass, const PassResult& result) const override {
@@ -100,6 +94,11 @@ class PathMethod final : public Method {
     const FrameContext& context = window.frame(unit.frame);
     const Tile& tile = unit.tile;
     TileFilm film(context, tile, out.picture());
+    const int row = unit.pass / 2, spp = context.settings.spp;
+    if (row > 0) {
+      ByteReader in(out.kept());
+      film.load(in);
+    }
     std::uint64_t samples = 0, rays = 0, shadow_rays = 0;
     const auto take = [&](int x, int y, int index) {
       const CameraSample camera = camera_sample(context, x, y, index);
@@ -111,13 +110,22 @@ class PathMethod final : public Method {
       shadow_rays += r.shadow_rays;
       if (!film.add(x, y, index, camera, r)) counters.note_bad({context.frame, x, y, index, own_key(context, x, y)});
     };
-    if (adaptive_error_ > 0 ? !sample_adaptively(tile, context.settings.spp, film, take, stop)
-                            : !sample_evenly(tile, context.settings.spp, out, take, stop)) {
+    const auto first = int(std::int64_t(spp) * row / rows_), end = int(std::int64_t(spp) * (row + 1) / rows_);
+    if (adaptive_error_ > 0 ? !sample_adaptively(tile, spp, film, take, stop)
+                            : !sample_evenly(tile, first, end, out, take, stop)) {
       return;
     }
-    if (!sample_features(context, tile, out, film, rays, stop)) return;
+    const bool last = row + 1 == rows_;
+    if (last && !sample_features(context, tile, out, film, rays, stop)) return;
     film.write(out.picture());
-    write_motion_layers(window, unit, out);
+    if (last) {
+      write_motion_layers(window, unit, out);
+    } else {
+      Bytes bytes;
+      ByteWriter writer(bytes);
+      film.save(writer);
+      out.keep(std::move(bytes));
+    }
     counters.samples += samples;
     counters.rays += rays;
     counters.shadow_rays += shadow_rays;
@@ -130,7 +138,7 @@ class PathMethod final : public Method {
   }
 
  private:
-  bool traces_photons(int pass) const { return photons_ && pass == 0; }
+  bool traces_photons(int pass) const { return photons_ && pass % 2 == 0; }
   static PhotonState& photon_state(SectionState* state) { return *static_cast<PhotonState*>(state); }
 
   /// Returns false if it was stopped.
@@ -154,13 +162,13 @@ class PathMethod final : public Method {
   }
   /// Both return false if they were stopped.
   template <class Take>
-  static bool sample_evenly(const Tile& tile, int spp, const UnitOutput& out, Take&& take,
+  static bool sample_evenly(const Tile& tile, int first, int end, const UnitOutput& out, Take&& take,
                             const std::stop_token& stop) {
     for (int y = tile.y0; y < tile.y1; ++y) {
       for (int x = tile.x0; x < tile.x1; ++x) {
         if (stop.stop_requested()) return false;
         if (!out.wants(x, y)) continue;
-        for (int i = 0; i < spp; ++i) take(x, y, i);
+        for (int i = first; i < end; ++i) take(x, y, i);
       }
     }
     return true;
@@ -199,6 +207,7 @@ class PathMethod final : public Method {
 
   PathOptions options_;
   std::optional<PhotonPass> photons_;
+  int rows_ = 1;  ///< of passes, which divide the samples
   int feature_samples_;
   float adaptive_error_;
   int adaptive_min_spp_;
@@ -210,20 +219,16 @@ std::unique_ptr<Method> make(const Params& p) {
 }
 
 const std::vector<ParamSpec>& photon_params() {
-  static const std::vector<ParamSpec> specs = with_photons(false);
+  static const std::vector<ParamSpec> specs = path_params_and(PhotonOptions::params());
   return specs;
 }
 const std::vector<ParamSpec>& params() {
-  static const std::vector<ParamSpec> specs = with_photons(true);
+  static const std::vector<ParamSpec> specs = path_params_and(caustics_params(true));
   return specs;
 }
 template <bool over_time>
 const std::vector<ParamSpec>& disc_params() {
-  static const std::vector<ParamSpec> specs = [] {
-    std::vector<ParamSpec> s = path_params();
-    for (const ParamSpec& p : PhotonOptions::disc_params(over_time)) s.push_back(p);
-    return s;
-  }();
+  static const std::vector<ParamSpec> specs = path_params_and(PhotonOptions::disc_params(over_time));
   return specs;
 }
 
@@ -233,7 +238,7 @@ extern const MethodEntry path_entry;
 const MethodEntry path_entry{"path", "Path tracing with next-event estimation and multiple importance sampling",
                              params(), [](const Params& p) -> std::unique_ptr<Method> {
                                return std::make_unique<PathMethod>(
-                                   p, p.get_string("caustics") == "photons" ? Caustics::kPhotons : Caustics::kPaths);
+                                   p, caustics_by_photons(p) ? Caustics::kPhotons : Caustics::kPaths);
                              }};
 
 extern const MethodEntry temporal_photon_entry;

@@ -11,6 +11,7 @@ namespace tempera {
 
 namespace {
 constexpr std::int64_t kPhotonsOfUnit = 4096;
+const std::string kPhotonsKey = "tempera/photons";
 constexpr std::uint64_t kMostMaps = std::uint64_t(1) << 20;  // instants of all pieces of an exposure
 
 /// Errors: Error{kUnknownName} for a name that no light of the scene has.
@@ -33,57 +34,78 @@ void check_names(const std::vector<std::string>& names, const Scene& scene) {
 }  // namespace
 
 void PhotonState::save(ByteWriter& out) const {
+  out.value(row_);
+  if (light_) {
+    out.value(std::uint64_t(piece_of_.size()));
+    for (std::size_t i = 0, of_piece = 0; i < piece_of_.size(); ++i) {
+      of_piece = i > 0 && piece_of_[i] == piece_of_[i - 1] ? of_piece + 1 : 0;
+      out.values(light_->maps(piece_of_[i])[of_piece]->photons());
+    }
+    return;
+  }
   out.value(std::uint64_t(photons_.size()));
   for (const auto& p : photons_) out.values(p);
 }
 
 void PhotonState::load(ByteReader& in) {
+  in.value(row_);
   const auto count = in.value<std::uint64_t>();
   if (count > kMostMaps) throw Error(ErrorCode::kBadInput, "photons of too many instants");
   photons_.resize(count);
   for (auto& p : photons_) in.values(p);
 }
 
-std::int64_t PhotonPass::photons(const RenderSettings& s) const {
-  if (options_.photons > 0) return options_.photons;
-  // They take about as long as a quarter of the samples.
-  const double samples = double(s.width) * double(s.height) * double(s.spp);
-  return std::int64_t(std::clamp(samples / 16, 20000.0, 2e6));
-}
-
 std::int64_t PhotonPass::units(const RenderSettings& settings) const {
-  return (photons(settings) + kPhotonsOfUnit - 1) / kPhotonsOfUnit;
+  return (options_.photons_for(settings) + kPhotonsOfUnit - 1) / kPhotonsOfUnit;
 }
 
-PassDesc PhotonPass::desc(const RenderSettings& settings) const {
-  const std::int64_t n = photons(settings);
+std::vector<PassDesc> PhotonPass::passes(const RenderSettings& settings, const std::vector<PassDesc>& gather) const {
+  const std::int64_t n = options_.photons_for(settings);
   const double pixels = double(settings.x1() - settings.x0()) * double(settings.y1() - settings.y0());
-  return {.name = "photons",
-          .domain = PassDesc::Domain::kPaths,
-          .units = units(settings),
-          .memory = std::uint64_t(3 * double(n) * sizeof(Photon) / pixels)};
+  std::vector<PassDesc> result;
+  for (int row = 0; row < options_.passes; ++row) {
+    const auto name = [&](const std::string& one) {
+      return options_.passes == 1 ? one : fmt::format("{}, {} of {}", one, row + 1, options_.passes);
+    };
+    result.push_back({.name = name("photons"),
+                      .domain = PassDesc::Domain::kPaths,
+                      .waits = row > 0,
+                      .units = units(settings),
+                      .memory = std::uint64_t(3 * double(n) * sizeof(Photon) / pixels)});
+    for (std::size_t i = 0; i < gather.size(); ++i) {
+      result.push_back(gather[i]);
+      result.back().name = name(gather[i].name);
+      result.back().waits |= i == 0;
+    }
+  }
+  return result;
 }
 
-void PhotonPass::begin(const SceneWindow& window, PhotonState& state) const {
+void PhotonPass::begin(const SceneWindow& window, PhotonState& state, int row) const {
+  if (row != state.row_) state = PhotonState();
+  state.row_ = row;
+  make_tracers(window, state);
+}
+
+void PhotonPass::make_tracers(const SceneWindow& window, PhotonState& state) const {
   if (!state.tracers_.empty()) return;
   check_names(options_.lights, window.scene());
   const FrameContext& frame = window.frame(window.section().first);
   bool casters = false;
+  // Footprints that are taken at each sample's time stand for all of it.
+  const bool whole = needs_instants(frame, window.settings().clock.exposure(frame.frame));
   const std::vector<ExposurePiece> pieces = exposure_pieces_of(frame);
   for (std::size_t i = 0; i < pieces.size(); ++i) {
-    const auto sets = int(options_.instants_of(pieces[i].span).size());
+    const auto sets = int(options_.instants_of(pieces[i].span, state.row_, whole).size());
     for (int set = 0; set < sets; ++set) {
-      state.tracers_.emplace_back(*pieces[i].context, options_, pieces[i].span, set, photons(window.settings()) / sets,
-                                  max_depth_);
+      state.tracers_.emplace_back(*pieces[i].context, options_, pieces[i].span, set, options_.photons_for(window.settings()) / sets,
+                                  max_depth_, state.row_, whole);
       state.piece_of_.push_back(i);
       casters |= state.tracers_.back().has_casters();
     }
   }
   if (!casters) {
-    std::call_once(warned_, [] {
-      log_warning(
-          "photons: no surface of the scene reflects or refracts light sharply, so there are no caustics to find");
-    });
+    std::call_once(warned_, [] { log_warning(kNoCasters); });
   }
 }
 
@@ -108,7 +130,7 @@ void PhotonPass::run(const SceneWindow& window, const PhotonState& state, std::i
 }
 
 void PhotonPass::end(const SceneWindow& window, PhotonState& state, const PassResult& result) const {
-  begin(window, state);
+  make_tracers(window, state);
   state.photons_.assign(state.tracers_.size(), {});
   PhotonCounts counts;
   for (const auto& kept : result.kept) {
@@ -121,20 +143,16 @@ void PhotonPass::end(const SceneWindow& window, PhotonState& state, const PassRe
       photons.insert(photons.end(), part.begin(), part.end());
     }
   }
-  const double whole = std::max(counts.emitted_flux, 1e-300);
-  log(LogLevel::kInfo,
-      fmt::format(
-          "frame {}: {} photons emitted, {} stored; of their flux {:.3g} % arrived, {:.3g} % escaped, {:.3g} % was "
-          "absorbed; {} footprints limited, {} photons bent strongly",
-          window.section().first, counts.emitted, counts.stored, 100 * counts.stored_flux / whole,
-          100 * counts.escaped_flux / whole, 100 * counts.absorbed_flux / whole, counts.clamped, counts.curved));
+  const std::string summary = describe(counts);
+  for (Frame* picture : result.pictures) picture->metadata[kPhotonsKey] = summary;
+  log(LogLevel::kInfo, fmt::format("frame {}: {}", window.section().first, summary));
 }
 
-void PhotonPass::begin_gather(const SceneWindow& window, PhotonState& state, int class_bit) const {
+void PhotonPass::begin_gather(const SceneWindow& window, PhotonState& state) const {
   if (state.light_) return;
-  begin(window, state);
+  make_tracers(window, state);
   const FrameContext& frame = window.frame(window.section().first);
-  state.light_ = std::make_unique<PhotonLight>(frame, 1u << class_bit);
+  state.light_ = std::make_unique<PhotonLight>(frame, 1u << window.settings().classes.size());
   const std::vector<ExposurePiece> pieces = exposure_pieces_of(frame);
   state.photons_.resize(state.tracers_.size());
   const bool instants = needs_instants(frame, window.settings().clock.exposure(frame.frame));
@@ -147,5 +165,24 @@ void PhotonPass::begin_gather(const SceneWindow& window, PhotonState& state, int
   log(LogLevel::kDebug,
       fmt::format("frame {}: photons take {:.1f} MiB", frame.frame, double(state.light_->memory()) / (1 << 20)));
 }
+
+std::vector<std::string> photon_classes(const std::optional<PhotonPass>& photons) {
+  return photons ? std::vector<std::string>{kPhotonPaths} : std::vector<std::string>{};
+}
+
+std::vector<ParamSpec> caustics_params(bool progressive) {
+  std::vector<ParamSpec> s{{"caustics",
+                            std::string("paths"),
+                            "who finds light that mirrors and glass focus on diffuse surfaces",
+                            -1e300,
+                            1e300,
+                            {"paths", "photons"}}};
+  for (const ParamSpec& p : PhotonOptions::params()) {
+    if (p.name != "progressive" || progressive) s.push_back(p);
+  }
+  return s;
+}
+
+bool caustics_by_photons(const Params& p) { return p.get_string("caustics") == "photons"; }
 
 }  // namespace tempera

@@ -149,7 +149,7 @@ class SectionRender {
   }
 
   void end_passes(int first, int last) {
-    for (int p = first; p < last; ++p) method_.end_pass(window_, state_.get(), p, section_.result());
+    for (int p = first; p < last; ++p) method_.end_pass(window_, state_.get(), p, section_.result(p));
     Bytes state;
     ByteWriter out(state);
     if (state_) state_->save(out);

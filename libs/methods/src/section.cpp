@@ -98,10 +98,11 @@ std::size_t Section::slot(const Unit& unit) const { return std::size_t(unit.numb
 
 std::shared_ptr<const Bytes> Section::kept(const Unit& unit) const {
   const std::scoped_lock lock(mutex_);
-  return slot(unit) < kept_.size() ? kept_[slot(unit)] : nullptr;
+  const Kept& kept = kept_[std::size_t(passes_[unit.pass].domain)];
+  return slot(unit) < kept.size() ? kept[slot(unit)] : nullptr;
 }
 
-PassResult Section::result() { return {all_pictures_, kept_}; }
+PassResult Section::result(int pass) { return {all_pictures_, kept_of(pass)}; }
 
 void Section::commit(const Unit& unit, std::span<const UnitOutput::Splat> splats, Bytes kept,
                      const RenderTotals& totals) {
@@ -116,9 +117,10 @@ void Section::commit(const Unit& unit, std::span<const UnitOutput::Splat> splats
   }
   const std::scoped_lock lock(mutex_);
   // Of passes that run side by side the first keeps: what waits for them follows it.
-  if (!kept.empty() || (slot(unit) < kept_.size() && passes_[unit.pass].waits)) {
-    if (kept_.size() <= slot(unit)) kept_.resize(done_[unit.pass].size());
-    kept_[slot(unit)] = kept.empty() ? nullptr : std::make_shared<const Bytes>(std::move(kept));
+  Kept& all = kept_of(unit.pass);
+  if (!kept.empty() || (slot(unit) < all.size() && passes_[unit.pass].waits)) {
+    if (all.size() <= slot(unit)) all.resize(done_[unit.pass].size());
+    all[slot(unit)] = kept.empty() ? nullptr : std::make_shared<const Bytes>(std::move(kept));
   }
   done_[unit.pass][unit.number] = 1;
   totals_ += totals;
@@ -129,7 +131,7 @@ void Section::end_passes(int ended, Bytes state) {
   ended_ = ended;
   state_ = std::move(state);
   // Light paths have been worked into the state; tiles go on from what they kept.
-  if (passes_[ended - 1].domain == PassDesc::Domain::kPaths) kept_.clear();
+  kept_[std::size_t(PassDesc::Domain::kPaths)].clear();
 }
 
 void Section::finish(const Method& method) {
@@ -218,7 +220,7 @@ LayerDesc read_layer(ByteReader& in) {
 void Section::save(ByteWriter& out) const {
   Bytes films;
   std::vector<std::vector<char>> done;
-  std::vector<std::shared_ptr<const Bytes>> kept;
+  std::array<Kept, 2> kept;
   Bytes state;
   int ended = 0;
   RenderTotals totals;
@@ -246,8 +248,10 @@ void Section::save(ByteWriter& out) const {
   out.values(state);
   for (const std::uint64_t n : {totals.samples, totals.rays, totals.shadow_rays, totals.bad_samples}) out.value(n);
   out.values(totals.first_bad);
-  out.value(std::uint64_t(kept.size()));
-  for (const auto& k : kept) out.values(k ? *k : Bytes());
+  for (const Kept& of_domain : kept) {
+    out.value(std::uint64_t(of_domain.size()));
+    for (const auto& k : of_domain) out.values(k ? *k : Bytes());
+  }
   out.bytes(films.data(), films.size());
   // Tiles that are done do not change any more in the layers of their pass; what a later pass is writing now will be
   // written again.
@@ -297,10 +301,12 @@ std::unique_ptr<Section> Section::read(ByteReader& in) {
   RenderTotals& totals = s.totals_;
   for (std::uint64_t* n : {&totals.samples, &totals.rays, &totals.shadow_rays, &totals.bad_samples}) in.value(*n);
   in.values(totals.first_bad);
-  for (auto n = in.value<std::uint64_t>(); n > 0; --n) {
-    Bytes bytes;
-    in.values(bytes);
-    s.kept_.push_back(bytes.empty() ? nullptr : std::make_shared<const Bytes>(std::move(bytes)));
+  for (Kept& kept : s.kept_) {
+    for (auto n = in.value<std::uint64_t>(); n > 0; --n) {
+      Bytes bytes;
+      in.values(bytes);
+      kept.push_back(bytes.empty() ? nullptr : std::make_shared<const Bytes>(std::move(bytes)));
+    }
   }
   s.make_splats();
   for (const SplatTarget& target : s.splats_) target.film->load(in);
@@ -359,9 +365,10 @@ void Section::merge(const Section& other) {
     for (std::size_t i = 0; i < done_[p].size(); ++i) {
       if (!other.done_[p][i] || done_[p][i]) continue;
       done_[p][i] = 1;
-      if (i < other.kept_.size() && other.kept_[i]) {
-        if (kept_.size() <= i) kept_.resize(done_[p].size());
-        kept_[i] = other.kept_[i];
+      const Kept& others = other.kept_[std::size_t(passes_[p].domain)];
+      if (Kept& own = kept_of(int(p)); i < others.size() && others[i]) {
+        if (own.size() <= i) own.resize(done_[p].size());
+        own[i] = others[i];
       }
       if (passes_[p].domain != PassDesc::Domain::kTiles) continue;
       const std::size_t f = i / tiles_.size();

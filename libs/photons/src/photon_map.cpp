@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <map>
+#include <tuple>
 
 #include "tempera/core/random.h"
 
@@ -47,15 +48,23 @@ PhotonMap::Set PhotonMap::make_set(std::vector<Photon> photons) const {
   // Neighbours stand together: what a point needs is then found in few places of memory.
   Bounds3f around;
   for (const Photon& p : photons) around.extend(p.footprint.center);
-  std::vector<std::pair<std::uint64_t, std::uint32_t>> order(photons.size());
+  struct Place {
+    std::uint64_t code;
+    std::uint32_t index;
+  };
+  std::vector<Place> order(photons.size());
   for (std::size_t i = 0; i < order.size(); ++i) {
     const std::uint64_t place = morton(photons[i].footprint.center, around);
     order[i] = {std::uint64_t(photons[i].half) << 63 | place, std::uint32_t(i)};
   }
-  std::sort(order.begin(), order.end());
+  // A map made of the photons of another map has them in the same order.
+  std::sort(order.begin(), order.end(), [&](const Place& a, const Place& b) {
+    const Vec3f &p = photons[a.index].footprint.center, &q = photons[b.index].footprint.center;
+    return std::tie(a.code, p.x, p.y, p.z, a.index) < std::tie(b.code, q.x, q.y, q.z, b.index);
+  });
   Set set;
   set.photons.reserve(photons.size());
-  for (const auto& o : order) set.photons.push_back(photons[o.second]);
+  for (const Place& o : order) set.photons.push_back(photons[o.index]);
   std::vector<Bounds3f> boxes;
   auto from = set.photons.begin();
   for (std::size_t half = 0; half < 2; ++half) {
@@ -78,23 +87,27 @@ PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, co
       moves_(tracer.moves()),
       lights_(tracer.lights().begin(), tracer.lights().end()),
       rays_(rays) {
-  // Few of the many sequences of events are told apart by the classifier.
-  std::map<std::uint64_t, std::uint32_t> by_code;
-  std::map<std::vector<LightPathClassifier::State>, std::uint32_t> by_ends;
-  for (Photon& p : photons) {
+  // Few of the many sequences of events are told apart by the classifier. Numbers of these do not depend on the order of
+  // photons.
+  std::map<std::uint64_t, std::vector<LightPathClassifier::State>> by_code;
+  for (const Photon& p : photons) {
     const auto [it, added] = by_code.try_emplace(p.events.code());
-    if (added) {
-      std::vector<LightPathClassifier::State> ends(classifier.state_count());
-      for (std::size_t s = 0; s < ends.size(); ++s) {
-        auto state = LightPathClassifier::State(s);
-        p.events.visit([&](PhotonEvents::Kind k) { state = next(classifier, state, k); });
-        ends[s] = state;
-      }
-      const auto [known, fresh] = by_ends.try_emplace(ends, std::uint32_t(ends_.size()));
-      if (fresh) ends_.push_back(ends);
-      it->second = known->second;
+    if (!added) continue;
+    it->second.resize(classifier.state_count());
+    for (std::size_t s = 0; s < it->second.size(); ++s) {
+      auto state = LightPathClassifier::State(s);
+      p.events.visit([&](PhotonEvents::Kind k) { state = next(classifier, state, k); });
+      it->second[s] = state;
     }
-    p.suffix = it->second;
+  }
+  for (const auto& [code, ends] : by_code) ends_.push_back(ends);
+  std::sort(ends_.begin(), ends_.end());
+  ends_.erase(std::unique(ends_.begin(), ends_.end()), ends_.end());
+  std::map<std::uint64_t, std::uint32_t> suffixes;
+  for (const auto& [code, ends] : by_code)
+    suffixes[code] = std::uint32_t(std::lower_bound(ends_.begin(), ends_.end(), ends) - ends_.begin());
+  for (Photon& p : photons) {
+    p.suffix = suffixes[p.events.code()];
     p.edges = std::uint8_t(p.events.size() + 1);
   }
   std::vector<Photon> few;

@@ -68,6 +68,9 @@ const std::vector<ParamSpec>& PhotonOptions::params() {
        -1e300,
        1e300,
        {"matter", "emission"}},
+      {"progressive", 1,
+       "passes that each emit so many photons, with smaller footprints in each: ever finer caustics in the same memory",
+       1, 10000},
   };
   return specs;
 }
@@ -99,6 +102,7 @@ PhotonOptions::PhotonOptions(const Params& p)
     filter = chosen<TimeFilter>(p, "time_filter");
     instant = chosen<PhotonInstant>(p, "instant");
     gauge = chosen<PhotonGauge>(p, "gauge");
+    if (knows(p, "progressive")) passes = p.get_int("progressive");
   }
   const std::string& names = p.get_string("photon_lights");
   for (std::size_t at = 0; at < names.size();) {
@@ -109,25 +113,48 @@ PhotonOptions::PhotonOptions(const Params& p)
   }
 }
 
+std::int64_t PhotonOptions::photons_for(const RenderSettings& s) const {
+  if (photons > 0) return photons;
+  // They take about as long as a quarter of the samples.
+  const double samples = double(s.width) * double(s.height) * double(s.spp);
+  return std::int64_t(std::clamp(samples / 16, 20000.0, 2e6));
+}
+
 double PhotonOptions::overlap_of(std::int64_t n) const {
   // Beyond 36 what is left of noise is below what anyone sees, and more footprints would only take time.
   return overlap > 0 ? overlap : std::min(9 * std::sqrt(std::max(1.0, double(n) / 1000)), 36.0);
 }
 
-std::vector<double> PhotonOptions::instants_of(const TimeSpan& exposure) const {
+std::vector<double> PhotonOptions::instants_of(const TimeSpan& exposure, int pass, bool whole) const {
   if (between >= 0) {
     std::vector<double> all(std::size_t(between) + 2);
     for (int i = 0; i < between + 2; ++i) all[i] = exposure.begin + exposure.length() * i / (between + 1);
     return all;
   }
+  const TimeSpan reach = reach_of(exposure, pass, whole);
   switch (instant) {
     case PhotonInstant::kOpen:
-      return {exposure.begin};
+      return {reach.begin};
     case PhotonInstant::kClose:
-      return {exposure.end};
+      return {reach.end};
     default:
-      return {0.5 * (exposure.begin + exposure.end)};
+      return {0.5 * (reach.begin + reach.end)};
   }
+}
+
+double PhotonOptions::area_scale(int pass) {
+  constexpr double kAlpha = 0.75;
+  double scale = 1;
+  for (int i = 1; i <= pass; ++i) scale *= (i + kAlpha) / (i + 1);
+  return scale;
+}
+
+TimeSpan PhotonOptions::reach_of(const TimeSpan& exposure, int pass, bool whole) {
+  if (whole) return exposure;
+  int parts = 1;
+  for (; pass >= parts * parts; ++parts) pass -= parts * parts;
+  const double length = exposure.length() / parts, begin = exposure.begin + length * (pass % parts);
+  return {begin, begin + length};
 }
 
 }  // namespace tempera

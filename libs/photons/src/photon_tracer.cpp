@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tempera/photons/photon_tracer.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -121,6 +123,15 @@ PhotonCounts& PhotonCounts::operator+=(const PhotonCounts& o) {
   return *this;
 }
 
+std::string describe(const PhotonCounts& counts) {
+  const double whole = std::max(counts.emitted_flux, 1e-300);
+  return fmt::format(
+      "{} photons emitted, {} stored; of their flux {:.3g} % arrived, {:.3g} % escaped, {:.3g} % was absorbed; {} "
+      "footprints limited, {} photons bent strongly",
+      counts.emitted, counts.stored, 100 * counts.stored_flux / whole, 100 * counts.escaped_flux / whole,
+      100 * counts.absorbed_flux / whole, counts.clamped, counts.curved);
+}
+
 std::vector<Bounds3f> find_casters(const RayScene& rays, TimeSpan span) {
   const Scene& scene = rays.scene();
   const double t = 0.5 * (span.begin + span.end);
@@ -161,18 +172,22 @@ struct PhotonTracer::Branch {
 };
 
 PhotonTracer::PhotonTracer(const FrameContext& piece, const PhotonOptions& options, TimeSpan exposure, int set,
-                           std::int64_t photons, int max_depth)
+                           std::int64_t photons, int max_depth, int pass, bool whole)
     : context_(piece),
       options_(options),
       exposure_(exposure),
-      set_(set),
-      instant_(options.instants_of(exposure)[set]),
+      set_(pass * int(options.instants_of(exposure, pass, whole).size()) + set),
+      scale_(PhotonOptions::area_scale(pass)),
+      instant_(options.instants_of(exposure, pass, whole)[set]),
       kernel_{options.kernel, options.sweep, options.filter, 0, 0},
       photons_(photons),
       max_depth_(max_depth),
       halves_(asks_for_halves(piece.settings)),
       casters_(find_casters(piece.rays, exposure)) {
-  if (options.temporal) kernel_.begin = exposure.begin - instant_, kernel_.end = exposure.end - instant_;
+  if (options.temporal) {
+    const TimeSpan reach = PhotonOptions::reach_of(exposure, pass, whole);
+    kernel_.begin = reach.begin - instant_, kernel_.end = reach.end - instant_;
+  }
   const Scene& scene = piece.scene;
   moves_.resize(scene.instances.size());
   for (std::uint32_t i = 0; i < scene.instances.size(); ++i) {
@@ -190,9 +205,9 @@ PhotonTracer::PhotonTracer(const FrameContext& piece, const PhotonOptions& optio
   plan();
 }
 
-/// Half of a pixel where the camera sees it.
+/// Half of a pixel where the camera sees it; less in later passes.
 double PhotonTracer::least_radius(const Vec3d& p) const {
-  const double r = 0.5 * (pixel_size_ + pixel_angle_ * length(p - eye_));
+  const double r = 0.5 * (pixel_size_ + pixel_angle_ * length(p - eye_)) * std::sqrt(scale_);
   return std::clamp(r, 1e-3 * kLeastRadius * diameter_, 10 * kLeastRadius * diameter_);
 }
 
@@ -287,7 +302,7 @@ std::optional<PhotonTracer::Branch> PhotonTracer::start(const Share& share, std:
   if (i < few) b.coarse_scale = float(double(share.count) / double(few));
   b.beam.x = e->p, b.beam.w = e->w;
   // Cells of the light that one photon stands for, so large that `overlap` of them cover a point.
-  const double beta = std::sqrt(4 * options_.overlap_of(lamp.photons) / kPiD);
+  const double beta = std::sqrt(4 * options_.overlap_of(lamp.photons) * scale_ / kPiD);
   int column = 0;
   if (!e->delta_position) {
     const double size = beta / std::sqrt(n * e->pdf_position);
@@ -582,7 +597,7 @@ void PhotonTracer::trace(const Branch& first, const SampleStream& stream, int le
         if (bent.curvature > strongest.curvature && next.relative >= kLeastDivided && !options_.discs)
           strongest = bent, strong = true;
         if (!s.delta) {
-          const double beta = std::sqrt(4 * options_.overlap_of(b.photons) / kPiD) * next.width;
+          const double beta = std::sqrt(4 * options_.overlap_of(b.photons) * scale_ / kPiD) * next.width;
           widen(std::min(beta / std::sqrt(double(b.photons) * double(s.pdf)), kMostSpread), next.beam);
         }
       }

@@ -6,8 +6,8 @@
 namespace tempera {
 
 const Quality* quality_of(const ShotConfig& config) {
-  static const std::array<Quality, 3> known = {{{"draft", 8, {kDenoiser}},
-                                                {"final", 64, {kDenoiser}},
+  static const std::array<Quality, 3> known = {{{"draft", 8, {kDenoiser}, true},
+                                                {"final", 64, {kDenoiser}, true},
                                                 {"fast", 64, {kDenoiser, "upsample", "interpolate", "motionblur"}}}};
   for (const Quality& q : known) {
     if (q.name == config.get_string("quality")) return &q;

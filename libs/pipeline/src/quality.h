@@ -12,7 +12,11 @@ struct Quality {
   std::string name;
   int spp;                          ///< samples per pixel, where none are given
   std::vector<std::string> stages;  ///< after all others
+  bool chooses_caustics = false;    ///< whether photons find caustics where kCausticsMatter
 };
+
+/// Part of the pixels that caustics have to be seen in (caustics_coverage) to be left to photons.
+constexpr double kCausticsMatter = 0.005;
 
 /// Samples per pixel of guides that see features alone.
 constexpr int kGuideFeatureSamples = 16;

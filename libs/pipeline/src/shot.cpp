@@ -13,6 +13,7 @@
 #include "shot_motion.h"
 #include "tempera/frames/files.h"
 #include "tempera/import/paths.h"
+#include "tempera/pipeline/caustics.h"
 #include "tempera/pipeline/materials.h"
 #include "tempera/pipeline/scene_edits.h"
 #include "tempera/scene/default_view.h"
@@ -653,6 +654,22 @@ void settle_motion(const ShotConfig& config, Scene& scene, Shot& shot) {
   shot.motion_segments = settle_motion_segments(scene, s, segments);
 }
 
+/// Leaves caustics to photons for a quality that is made of few samples, where the shot does not say who finds them and
+/// they can be seen.
+void choose_caustics(const ShotConfig& config, const Scene& scene, Shot& shot) {
+  const Quality* quality = quality_of(config);
+  const std::span<const ParamSpec> specs = shot.params.specs();
+  const bool chooses = std::any_of(specs.begin(), specs.end(), [](const ParamSpec& s) { return s.name == "caustics"; });
+  if (!quality || !quality->chooses_caustics || !chooses || config.find("integrator.caustics")) return;
+  const double coverage = caustics_coverage(scene, shot);
+  if (coverage < kCausticsMatter) return;
+  shot.params.set_text("caustics", "photons");
+  log_info(
+      fmt::format("quality \"{}\": caustics are seen in {:.2g} % of the picture and left to photons "
+                  "(integrator.caustics = \"paths\" leaves them to paths)",
+                  quality->name, 100 * coverage));
+}
+
 }  // namespace
 
 Shot settle_shot(const ShotConfig& config, Scene& scene) {
@@ -726,6 +743,7 @@ Shot settle_shot(const ShotConfig& config, Scene& scene) {
   }
 
   settle_motion(config, scene, shot);
+  choose_caustics(config, scene, shot);
 
   // Which layers an integrator can write is its own knowledge; ask it before a ray is traced.
   std::vector<LayerDesc> layers;

@@ -8,6 +8,7 @@
 // rare paths is solved for apart: `rare.color`, `rare.grad.x`, `rare.grad.y` and `held.color` of both passes, or of one
 // with `rare.a` and `rare.b`; and, as far as they are there, `samples`, `albedo`, `normal` and `object_id`.
 //
+// `photon.color` and `offset.photon.color`, light of photons that has no differences, are taken out before and added again.
 // `color` is the solution, with the input's alpha. With rare light apart it has no negative values, and `color.common`
 // and `color.rare` are its two parts, the second one before it was smoothed; the metadata tempera/rare_light and
 // tempera/held_back are the shares of these lights. Light-path classes whose differences are there are solved each by
@@ -107,6 +108,8 @@ class FrameBuffer {
   const PoissonFrame& frame(int f, std::size_t part) const { return *slot(f).parts[part].data; }
   const RareFrame& rare(int f) const { return slot(f).rare; }
   const LightShares& shares(int f) const { return slot(f).shares; }
+  /// By part; empty if there are none.
+  const std::vector<Image>& photons(int f) const { return slot(f).photons; }
   /// Whether frame f continues f - 1: some of its pixels replay pixels of that, and the camera is the same. True for
   /// the first frame that was read, which nothing is known about.
   bool continues(int f) const { return slot(f).continues; }
@@ -122,6 +125,7 @@ class FrameBuffer {
     bool continues = true;
     RareFrame rare;  ///< empty unless it is solved for apart
     LightShares shares;
+    std::vector<Image> photons;
   };
   static const PassPair& light(const Input& in, std::size_t part) {
     return part == 0 ? in.light : in.classes[part - 1];
@@ -133,6 +137,7 @@ class FrameBuffer {
     const int w = reader_.width(), h = reader_.height();
     Slot slot{f, std::vector<Part>(in->classes.size() + 1)};
     if (settings_.apart) slot.rare = take_rare_light(*in, slot.shares);
+    slot.photons = std::move(in->photons);
     const PoissonNorm norm = settings_.poisson.norm;
     for (std::size_t k = 0; k < slot.parts.size(); ++k) {
       auto& [data, variance] = slot.parts[k];
@@ -173,6 +178,7 @@ struct Blend {
   std::vector<PlanarFrames> solutions;  ///< of the Poisson rows: of all light, then of each class
   Image rare;                           ///< smoothed rare light; empty if there is none
   Image unfiltered;                     ///< the same before it was smoothed; empty unless parts are written
+  std::vector<Image> photons;           ///< light of photons, by part; empty if there is none
   LightShares shares;
   double weight = 0;
 
@@ -226,6 +232,7 @@ void fill(const Blend& blend, const Settings& settings, Frame& frame) {
       [&](int y) {
         for (int i = 0; i < x.width(); ++i) {
           Rgb value(x.row(0, y, 0)[i], x.row(0, y, 1)[i], x.row(0, y, 2)[i]);
+          if (!blend.photons.empty()) value += blend.photons[0].rgb(i, y);
           if (settings.apart) {  // there is no negative light
             const auto positive = [](const Rgb& v) {
               return Rgb(std::max(v.r, 0.0f), std::max(v.g, 0.0f), std::max(v.b, 0.0f));
@@ -242,8 +249,11 @@ void fill(const Blend& blend, const Settings& settings, Frame& frame) {
     const PlanarFrames& solution = blend.solutions[k + 1];
     Image& to = frame.layer(layers::class_layer(settings.classes[k], layers::color()).name);
     for (int y = 0; y < to.height(); ++y) {
-      for (int i = 0; i < to.width(); ++i)
-        to.set_rgb(i, y, {solution.row(0, y, 0)[i], solution.row(0, y, 1)[i], solution.row(0, y, 2)[i]});
+      for (int i = 0; i < to.width(); ++i) {
+        Rgb value(solution.row(0, y, 0)[i], solution.row(0, y, 1)[i], solution.row(0, y, 2)[i]);
+        if (!blend.photons.empty()) value += blend.photons[k + 1].rgb(i, y);
+        to.set_rgb(i, y, value);
+      }
     }
   }
   if (settings.parts) frame.layer(layers::color_rare().name) = blend.unfiltered;
@@ -298,8 +308,10 @@ class Reconstruct final : public Stage {
       if (d.pass.empty() && !d.path_class.empty() && d == layers::class_layer(d.path_class, layers::grad_x()))
         classes.push_back(d.path_class);
     }
-    return Settings(params_, in[0].has(layers::offset(layers::color())), in[0].has(layers::rare_color()),
-                    std::move(classes));
+    Settings s(params_, in[0].has(layers::offset(layers::color())), in[0].has(layers::rare_color()),
+               std::move(classes));
+    s.photons = in[0].has(layers::photon_color());
+    return s;
   }
   /// Whether the output holds this layer of the input: neither data of the reconstruction, nor statistics or parts of
   /// the input's `color`, which are not those of the solution.
@@ -380,6 +392,7 @@ void Reconstruct::run(StageRun& run) const {
         Blend& blend = blends[f];
         blend.add(parts, t, filter.dark() ? Image() : filter.smooth(t), window_weight(f, grid.begin(k), grid.length));
         if (settings.apart) blend.shares = buffer.shares(f);
+        if (blend.photons.empty()) blend.photons = buffer.photons(f);
         if (settings.parts && blend.unfiltered.empty()) blend.unfiltered = mean_light(buffer.rare(f));
       }
     }
@@ -427,6 +440,7 @@ const StageEntry reconstruct_entry{
               {{"rare.color", "rare.grad.x", "rare.grad.y", "held.color", "offset.rare.color", "offset.rare.grad.x",
                 "offset.rare.grad.y", "offset.held.color", "rare.a", "rare.b"},
                "needed with `rare = \"apart\"`: the light of rare paths, of both passes or of one and its halves"},
+              {{"photon.color", "offset.photon.color"}, "light of photons, which has no differences, where it is there"},
               {{"samples", "offset.samples", "albedo", "normal", "object_id"}, "read where they are there"}},
     .writes = {{{"color"}, "the solution, with the input's alpha"},
                {{"color.common", "color.rare"}, "its two parts, with rare light apart and `parts = \"yes\"`"},

@@ -69,6 +69,13 @@ void take_rare(const std::string& path, int width, int height, const std::string
   check("rare.grad.x", rare.grad_x, 1, 0), check("rare.grad.y", rare.grad_y, 0, 1);
 }
 
+/// Takes light of photons out of a picture.
+void subtract(Image& color, const Image& photons) {
+  for (int y = 0; y < color.height(); ++y) {
+    for (int x = 0; x < color.width(); ++x) color.set_rgb(x, y, color.rgb(x, y) - photons.rgb(x, y));
+  }
+}
+
 }  // namespace
 
 std::vector<LayerUse> layers_read(const Settings& settings) {
@@ -81,6 +88,11 @@ std::vector<LayerUse> layers_read(const Settings& settings) {
     for (const LayerDesc& d :
          {layers::rare_color(), layers::rare_grad_x(), layers::rare_grad_y(), layers::held_color()})
       required.push_back(d);
+  }
+  if (settings.photons) {
+    required.push_back(layers::photon_color());
+    for (const std::string& name : settings.classes)
+      required.push_back(layers::class_layer(name, layers::photon_color()));
   }
   if (settings.temporal) {
     for (const std::vector<LayerDesc> base = required; const LayerDesc& d : base) required.push_back(layers::offset(d));
@@ -119,6 +131,12 @@ Input Reader::read(int frame) const {
     return Pass{take(prefix + "color", 3), take(prefix + "grad.x", 3), take(prefix + "grad.y", 3)};
   };
   const auto all = [](int, int) { return true; };
+  const auto take_photons = [&](const std::string& prefix, Image& color) {
+    Image photons = take(prefix + layers::photon_color().name, 3);
+    check_finite(in.path, prefix + layers::photon_color().name, photons, width_, height_, all);
+    subtract(color, photons);
+    return photons;
+  };
   const auto take_base = [&](const std::string& prefix) {
     Pass pass = take_pass(prefix);
     check_finite(in.path, prefix + "color", pass.color, width_, height_, all);
@@ -128,6 +146,11 @@ Input Reader::read(int frame) const {
   };
   in.light.base = take_base("");
   for (const std::string& name : settings_.classes) in.classes.push_back({take_base("class." + name + "."), {}});
+  if (settings_.photons) {
+    in.photons.push_back(take_photons("", in.light.base.color));
+    for (std::size_t k = 0; k < in.classes.size(); ++k)
+      in.photons.push_back(take_photons("class." + settings_.classes[k] + ".", in.classes[k].base.color));
+  }
   in.camera = metadata_value<std::string>(file.metadata, kCameraKey).value_or("");
   const auto left = metadata_value<int>(file.metadata, kCropLeftKey),
              top = metadata_value<int>(file.metadata, kCropTopKey);
@@ -172,6 +195,16 @@ Input Reader::read(int frame) const {
   in.light.offset = take_offset("offset.");
   for (std::size_t k = 0; k < in.classes.size(); ++k)
     in.classes[k].offset = take_offset("offset.class." + settings_.classes[k] + ".");
+  for (std::size_t k = 0; k < in.photons.size(); ++k) {
+    PassPair& light = k == 0 ? in.light : in.classes[k - 1];
+    const std::string prefix = k == 0 ? "offset." : "offset.class." + settings_.classes[k - 1] + ".";
+    const Image offset = take_photons(prefix, light.offset.color);
+    for (int y = 0; y < height_; ++y) {
+      for (int x = 0; x < width_; ++x) {
+        if (here(x, y)) in.photons[k].set_rgb(x, y, (in.photons[k].rgb(x, y) + offset.rgb(x, y)) * 0.5f);
+      }
+    }
+  }
   if (rare) take_rare(in.path, width_, height_, "offset.", in.offset_rare, in.offset_held, take_pass, take);
   return in;
 }

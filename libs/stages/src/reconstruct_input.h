@@ -32,8 +32,11 @@ struct PassPair {
 struct Input {
   std::string path;
   int frame = 0;
-  PassPair light;                 ///< all of it, or without rare light
+  PassPair light;                 ///< all of it but that of photons, or without rare light
   std::vector<PassPair> classes;  ///< of each of Settings::classes
+  /// Light of photons, which has no differences: mean of both passes, of all light and of each class. Empty if there is
+  /// none.
+  std::vector<Image> photons;
   /// Rare light among theirs, and what of it is held back; empty unless it is solved for apart.
   Pass base_rare, offset_rare;
   Image base_held, offset_held;

@@ -44,6 +44,7 @@ struct Settings {
   bool weighted = false;             ///< whether differences are weighted by their variance
   bool apart = false;                ///< whether rare light is solved for apart
   bool parts = false;                ///< whether both parts are written
+  bool photons = false;              ///< whether the frames have light of photons
   std::vector<std::string> classes;  ///< light-path classes that are solved for, too
   int window = 10, overlap = 5;
 };

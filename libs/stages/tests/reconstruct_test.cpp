@@ -123,6 +123,7 @@ struct Sequence {
   using Noise = std::function<Rgb(int x, int y, int frame, bool offset)>;
   Noise noise;               ///< of colors; differences follow from them,
   Noise noise_dx, noise_dy;  ///< unless they have noise of their own
+  Noise photons;             ///< light that has no differences
   Noise rare, held;          ///< light of rare paths, whose differences follow from it, and what of it is held back
   Vec2<int> velocity;        ///< pixels a frame
   std::set<int> cuts;        ///< frames that replay nothing
@@ -154,10 +155,13 @@ class Reconstruct : public testing::Test {
       };
       const auto layer = [&](const LayerDesc& d) -> Image& { return f.create(offset ? layers::offset(d) : d); };
       const auto rare = [&](int x, int y) { return s.rare ? s.rare(x, y, frame, offset) : Rgb(0.0f); };
+      if (s.photons) layer(layers::photon_color());
       Image &color = layer(layers::color()), &gx = layer(layers::grad_x()), &gy = layer(layers::grad_y());
       for (int y = 0; y < s.height; ++y) {
         for (int x = 0; x < s.width; ++x) {
-          color.set_rgb(x, y, value(x, y) + rare(x, y));
+          const Rgb photons = s.photons ? s.photons(x, y, frame, offset) : Rgb(0.0f);
+          if (s.photons) f.layer(offset ? "offset.photon.color" : "photon.color").set_rgb(x, y, photons);
+          color.set_rgb(x, y, value(x, y) + rare(x, y) + photons);
           color.at(x, y, 3) = 0.5f;
           gx.set_rgb(x, y, x + 1 < s.width ? difference(x, y, 1, 0) + rare(x + 1, y) - rare(x, y) : Rgb(NAN));
           gy.set_rgb(x, y, y + 1 < s.height ? difference(x, y, 0, 1) + rare(x, y + 1) - rare(x, y) : Rgb(NAN));
@@ -617,6 +621,34 @@ TEST_F(Reconstruct, RareLightIsKeptApartAndSmoothed) {
   run(in, "no_parts", "parts=no");
   EXPECT_FALSE(result("no_parts", 3).has("color.common"));
   EXPECT_EQ(result("no_parts", 3).layer("color"), apart.layer("color"));
+}
+
+// They come through as they are, whatever is solved for.
+TEST_F(Reconstruct, LightOfPhotonsIsAddedToTheSolution) {
+  Sequence with = with_rare_light();
+  const Sequence without = with;
+  with.photons = [](int x, int y, int frame, bool offset) {
+    return Rgb(float((x * 7 + y * 3 + frame) % 5) + (offset ? 0.5f : 0.0f));
+  };
+  const auto in = write("in", with, 0, 4), plain = write("plain", without, 0, 4);
+  for (const char* settings : {"norm=l1", "norm=l2"}) {
+    SCOPED_TRACE(settings);
+    run(in, "a", settings);
+    run(plain, "b", settings);
+    const Frame a = result("a", 2), b = result("b", 2);
+    EXPECT_FALSE(a.has("photon.color"));
+    double worst = 0;
+    for (int y = 0; y < with.height; ++y) {
+      for (int x = 0; x < with.width; ++x) {
+        const Rgb photons = (with.photons(x, y, 2, false) + with.photons(x, y, 2, true)) * 0.5f;
+        // Where the solution is below 0 it is the sum that is kept from being so.
+        const float expected = b.layer("color").rgb(x, y).g + photons.g;
+        if (b.layer("color").rgb(x, y).g > 0)
+          worst = std::max(worst, double(std::abs(a.layer("color").rgb(x, y).g - expected)));
+      }
+    }
+    EXPECT_LT(worst, 1e-3);
+  }
 }
 
 TEST_F(Reconstruct, WhatIsHeldBackIsSaid) {

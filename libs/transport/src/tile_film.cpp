@@ -101,6 +101,9 @@ TileFilm::TileFilm(const FrameContext& context, const Tile& tile, const Frame& o
     if (cryptomatte_ || out.has(prefix_ + name)) features_ = Features::kGeometry;
   }
   if (out.has(prefix_ + "albedo")) features_ = Features::kAll;
+  for (const char* name : {"photon.color", "photon.color.a", "photon.color.b"}) {
+    if (out.has(prefix_ + name)) gathered_sums_.resize(pixels_.size());
+  }
   if (cryptomatte_) {
     for (const std::string& name : cryptomatte_names(context.scene)) instance_ids_.push_back(cryptomatte_id(name));
   }
@@ -136,6 +139,11 @@ bool TileFilm::add(int x, int y, int index, const CameraSample& camera, const Sa
     sums.sum += part;
     if (!(index & 1)) sums.sum_a += part;
   }
+  if (!gathered_sums_.empty()) {
+    const Rgb part = sample.gathered * camera.weight;
+    gathered_sums_[i].sum += part;
+    if (!(index & 1)) gathered_sums_[i].sum_a += part;
+  }
   if (cryptomatte_)
     ids_.add(x - tile_.x0, y - tile_.y0, sample.first.valid ? instance_ids_[sample.first.instance] : 0, 1);
   add_features(x, y, camera, sample.first);
@@ -160,6 +168,7 @@ void TileFilm::add_features(int x, int y, const CameraSample& camera, const Firs
 void TileFilm::save(ByteWriter& out) const {
   out.values(pixels_);
   out.values(class_sums_);
+  out.values(gathered_sums_);
   ids_.save(out);
   chains_.save(out);
 }
@@ -167,6 +176,7 @@ void TileFilm::save(ByteWriter& out) const {
 void TileFilm::load(ByteReader& in) {
   in.values(pixels_);
   in.values(class_sums_);
+  in.values(gathered_sums_);
   ids_.load(in);
   chains_.load(in);
 }
@@ -186,6 +196,7 @@ void TileFilm::write(Frame& out) const {
   struct ClassLayers {
     Image *color, *half_a, *half_b, *variance;
   };
+  const ClassLayers gathered{layer("photon.color"), layer("photon.color.a"), layer("photon.color.b"), nullptr};
   std::vector<ClassLayers> class_layers(class_count_);
   if (class_count_) {
     const std::vector<std::string> names = class_names(settings_);
@@ -203,16 +214,17 @@ void TileFilm::write(Frame& out) const {
       const float inv_features = p.feature_count ? 1 / float(p.feature_count) : 0;
       Rgb mean_color = p.sum * inv;
       Rgb class_total;
-      for (std::size_t k = 0; k < class_count_; ++k) {
-        const ClassLayers& to = class_layers[k];
-        const ClassSums& sums = class_sums_[i * class_count_ + k];
+      const auto write_sums = [&](const ClassSums& sums, const ClassLayers& to) {
         const Rgb c = sums.sum * inv, sum_b = sums.sum - sums.sum_a;
         if (to.color) to.color->set_rgb(ox, oy, c);
         if (to.half_a) to.half_a->set_rgb(ox, oy, p.count_a ? sums.sum_a * (1 / float(p.count_a)) : Rgb(0.0f));
         if (to.half_b) to.half_b->set_rgb(ox, oy, p.count_b ? sum_b * (1 / float(p.count_b)) : Rgb(0.0f));
         if (to.variance) to.variance->set_rgb(ox, oy, variance_of_mean(sums.sum_a, p.count_a, sum_b, p.count_b));
-        class_total += c;
-      }
+        return c;
+      };
+      for (std::size_t k = 0; k < class_count_; ++k)
+        class_total += write_sums(class_sums_[i * class_count_ + k], class_layers[k]);
+      if (!gathered_sums_.empty()) write_sums(gathered_sums_[i], gathered);
       // The picture is defined as the sum of its parts: adding the layers up gives it to the bit.
       if (settings_.classes_are_decomposition && class_count_) mean_color = class_total;
       color->set_rgb(ox, oy, mean_color);

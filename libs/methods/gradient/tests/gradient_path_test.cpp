@@ -19,7 +19,9 @@ struct Estimate {
 };
 constexpr int kRuns = 16;
 
-std::vector<Estimate> estimate(BoxShot shot, std::uint64_t first_seed, const std::vector<std::string>& names) {
+/// `less`: a layer that is taken from each, or null.
+std::vector<Estimate> estimate(BoxShot shot, std::uint64_t first_seed, const std::vector<std::string>& names,
+                               const char* less = nullptr) {
   std::vector<Estimate> out(names.size());
   shot.settings.spp /= kRuns;
   for (int run = 0; run < kRuns; ++run) {
@@ -27,11 +29,13 @@ std::vector<Estimate> estimate(BoxShot shot, std::uint64_t first_seed, const std
     const Frame frame = shot.render();
     for (std::size_t k = 0; k < names.size(); ++k) {
       const Image& image = frame.layer(names[k]);
+      const Image* other = less ? &frame.layer(less) : nullptr;
       Estimate& e = out[k];
       e.mean.resize(image.pixels() * 3), e.variance.resize(e.mean.size());
       for (std::size_t i = 0; i < e.mean.size(); ++i) {
         const auto pixel = int(i / 3);
-        const double value = double(image.at(pixel % image.width(), pixel / image.width(), int(i % 3)));
+        const int x = pixel % image.width(), y = pixel / image.width(), c = int(i % 3);
+        const double value = double(image.at(x, y, c)) - (other ? double(other->at(x, y, c)) : 0);
         e.mean[i] += value / kRuns, e.variance[i] += value * value / kRuns;
       }
     }
@@ -50,6 +54,8 @@ std::vector<Agreement> compare(const BoxShot& shot, int spp, int reference_spp,
   gradients.integrator = "gradient_path", reference.integrator = "path";
   gradients.settings.spp = spp;
   reference.settings.spp = reference_spp;
+  const bool photons = shot.parameters.find("caustics=photons") != std::string::npos;
+  if (photons) reference.settings.layers.emplace_back("photon.color");
   for (const char* own : {",roughness_threshold", ",adaptive", ",class_gradients"}) {  // what path lacks stands last
     if (const auto at = reference.parameters.find(own); at != std::string::npos) reference.parameters.resize(at);
   }
@@ -59,7 +65,7 @@ std::vector<Agreement> compare(const BoxShot& shot, int spp, int reference_spp,
     differences.push_back(prefix + "grad.x"), differences.push_back(prefix + "grad.y");
     colors.push_back(prefix + "color");
   }
-  const std::vector<Estimate> all_g = estimate(gradients, 0, differences), all_colors = estimate(reference, 99, colors);
+  const std::vector<Estimate> all_g = estimate(gradients, 0, differences), all_colors = estimate(reference, 99, colors, photons ? "photon.color" : nullptr);
   const int w = shot.settings.width, h = shot.settings.height;
   std::vector<Agreement> result(classes.size());
   for (std::size_t n = 0; n < classes.size(); ++n) {
@@ -95,6 +101,11 @@ struct Case {
 void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
 
 class Gradients : public testing::TestWithParam<Case> {};
+
+BoxShot with_photons(BoxShot shot, const char* more = "") {
+  shot.parameters += std::string(",caustics=photons,photons=30000") + more;
+  return shot;
+}
 
 // Residuals of neighbouring differences share pixels, and rare large values make the variance of few runs too small.
 // Over these scenes the means of z^2 are 0.81 to 1.16, those of z at most 0.08: other random numbers alone can pass the
@@ -182,6 +193,26 @@ TEST(GradientPath, PictureIsThatOfPath) {
   BoxShot gradients = shot;
   gradients.integrator = "gradient_path";
   EXPECT_EQ(values(shot.render().layer("color")), values(gradients.render().layer("color")));
+}
+
+TEST(GradientPath, PhotonsAreThoseOfPathAndKeptApart) {
+  BoxShot shot = with_photons(BoxShot(kWhite, glass()).area_light());
+  shot.settings.spp = 8;
+  shot.settings.layers = {"color", "photon.color"};
+  BoxShot gradients = shot;
+  gradients.integrator = "gradient_path";
+  const Frame a = shot.render(), b = gradients.render();
+  EXPECT_EQ(values(a.layer("color")), values(b.layer("color")));
+  EXPECT_EQ(values(a.layer("photon.color")), values(b.layer("photon.color")));
+  // All light that paths of four edges find behind glass is that of photons.
+  gradients.parameters.replace(0, std::string("max_depth=6").size(), "max_depth=4");
+  BoxShot paths = gradients;
+  paths.parameters = "max_depth=4";
+  paths.settings.layers = {"color"};
+  double rare = 0, rare_of_paths = 0;
+  for (const float v : values(gradients.render().layer("rare.color"))) rare += double(v);
+  for (const float v : values(paths.render().layer("rare.color"))) rare_of_paths += double(v);
+  EXPECT_LT(rare, 0.1 * rare_of_paths);
 }
 
 // Tiles meet without a seam: their size changes no bit of a difference.
@@ -297,6 +328,25 @@ INSTANTIATE_TEST_SUITE_P(
                return s;
              }},
         Case{"mask", [] { return BoxShot(kWhite, make_mask(0.5f, make_two_sided(make_diffuse(0.6f)))).area_light(); }},
+        // Caustics by photons: those that are seen directly stay apart, their light after diffuse reflections does not.
+        Case{"photons", [] { return with_photons(BoxShot(kWhite, glass()).area_light(0.1f)); }},
+        Case{"photons_in_a_mirror", [] { return with_photons(BoxShot(make_conductor({}), glass()).area_light()); }},
+        Case{"photons_of_one_light",
+             [] {
+               BoxShot s = BoxShot(make_plastic({}), make_conductor({})).area_light().lamp(LightType::kSpot);
+               s.scene.lights[0].name = "spot";
+               return with_photons(s, ",photon_lights=spot");
+             }},
+        Case{"photons_of_a_sky",
+             [] {
+               BoxShot s(kWhite, glass());
+               Environment e;
+               e.width = 32, e.height = 16;
+               e.image.assign(512, Rgb(0.1f));
+               e.image[4 * 32 + 9] = Rgb(200.0f);
+               s.scene.environments.push_back(e);
+               return with_photons(s);
+             }},
         Case{"roulette",
              [] {
                BoxShot s = BoxShot(kWhite, kWhite).area_light();

@@ -87,9 +87,9 @@ class UnitOutput {
   /// the crop window, must not come.
   void splat(int layer, int frame, int x, int y, const Rgb& value) { splats_.push_back({layer, frame, x, y, value}); }
 
-  /// What the unit of the same tile kept in the pass before (kTiles); empty at first.
+  /// What the unit of the same tile kept in the last pass of tiles (kTiles); empty at first.
   std::span<const std::byte> kept() const { return kept_; }
-  /// Keeps bytes for the unit of the same tile in the next pass (kTiles), and for end_pass.
+  /// Keeps bytes for the unit of the same tile in the next pass of tiles (kTiles), and for end_pass.
   void keep(Bytes bytes) { to_keep_ = std::move(bytes); }
 
  private:

@@ -2,6 +2,7 @@
 #pragma once
 // A section in progress: its pictures, and which units of which passes they hold. It can be stored and continued at any
 // time, and parts of one section that different machines rendered add up to the whole.
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <mutex>
@@ -66,7 +67,7 @@ class Section {
   Unit unit(int pass, std::int64_t number) const;
   std::shared_ptr<const Bytes> kept(const Unit& unit) const;
   /// For Method::end_pass.
-  PassResult result();
+  PassResult result(int pass);
 
   /// Marks a unit as done, with what it splats and keeps.
   void commit(const Unit& unit, std::span<const UnitOutput::Splat> splats, Bytes kept, const RenderTotals& totals);
@@ -94,6 +95,7 @@ class Section {
   std::string missing() const;
 
  private:
+  using Kept = std::vector<std::shared_ptr<const Bytes>>;
   Section() = default;
   void make_splats();
   struct SplatTarget {
@@ -103,6 +105,7 @@ class Section {
   };
   std::string layout() const;
   std::size_t slot(const Unit& unit) const;
+  Kept& kept_of(int pass) { return kept_[std::size_t(passes_[pass].domain)]; }
   std::size_t frame_index(int frame) const;
   /// Whether a pass has written the tile: then it counts, in the files, too.
   bool has_pixels(const std::vector<std::vector<char>>& done, std::size_t frame, std::size_t tile) const;
@@ -121,7 +124,7 @@ class Section {
   mutable std::mutex mutex_;                        // of what follows
   mutable std::shared_mutex film_mutex_;            // shared by units that splat; exclusive: between two of them
   std::vector<std::vector<char>> done_;             // by pass and unit
-  std::vector<std::shared_ptr<const Bytes>> kept_;  // by tile of all frames, or by unit of the pass of paths that runs
+  std::array<Kept, 2> kept_;  // by domain: by tile of all frames; by unit of the pass of paths that runs
   int ended_ = 0;
   Bytes state_;
   RenderTotals totals_;

@@ -51,8 +51,8 @@ class WeightedStates {
     }
   }
 
-  /// Adds radiance `c` that arrives along the path to the sums of its classes, the last of which is for paths of no
-  /// class. Paths of a class in `without` are left out. Returns what was added, whatever class it is of.
+  /// Adds radiance `c` that arrives along the path to the sums of its classes, the last of which is for paths of none of
+  /// the others. Paths of a class in `without` are left out. Returns what was added, whatever class it is of.
   Rgb add_to(const LightPathClassifier& classifier, const Rgb& c, std::span<Rgb> classes,
              std::uint32_t without = 0) const {
     Rgb sum = c * rest_;
@@ -109,6 +109,7 @@ class WeightedStates {
     if (members & without) return;
     sum += c;
     if (classes.empty()) return;
+    members &= std::uint32_t((std::uint64_t(1) << (classes.size() - 1)) - 1);  // the classifier may know more
     if (members == 0) classes.back() += c;
     for (; members; members &= members - 1) classes[std::countr_zero(members)] += c;
   }

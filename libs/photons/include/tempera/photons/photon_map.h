@@ -25,6 +25,7 @@ class PhotonMap {
   void gather(const Vertex& at, double t, int half, bool coarse, int most_edges,
               std::vector<GatheredLight::Arrival>& out) const;
 
+  /// Those that it was made of, in another order: a map made of these has the same bits.
   const std::vector<Photon>& photons() const { return sets_[0].photons; }
   /// Which lights emit photons, by the indices of LightSample::light.
   std::span<const char> lights() const { return lights_; }
@@ -56,6 +57,8 @@ class PhotonLight final : public GatheredLight {
   PhotonLight(const FrameContext& frame, std::uint32_t classes) : frame_(frame), classes_(classes) {}
   /// Adds a map of piece `piece` of the exposure, the last one or the next. Several of one piece count in their mean.
   void add(std::size_t piece, PhotonMap map);
+  /// Those that were added, by piece.
+  std::span<const std::unique_ptr<PhotonMap>> maps(std::size_t piece) const { return maps_[piece]; }
   std::uint64_t memory() const;
 
   std::uint32_t classes() const override { return classes_; }

@@ -7,6 +7,7 @@
 #include "tempera/core/params.h"
 #include "tempera/core/time.h"
 #include "tempera/photons/footprint.h"
+#include "tempera/transport/settings.h"
 
 namespace tempera {
 
@@ -31,6 +32,7 @@ struct PhotonOptions {
   double radius = 0;   ///< of discs, m; 0: 1.25 % of the radius of the scene
   int between =
       -1;  ///< discs are traced when the shutter opens, closes and so many times between; -1: at the instant alone
+  int passes = 1;        ///< each emits `photons`, and has smaller footprints than the one before
   bool temporal = true;  ///< footprints move while the shutter is open; false: they stand where they are at the instant
 
   /// The parameters that set these, for tables of methods.
@@ -41,11 +43,19 @@ struct PhotonOptions {
   explicit PhotonOptions(const Params& p);
   PhotonOptions() = default;
 
+  /// Photons that are emitted for a frame, about.
+  std::int64_t photons_for(const RenderSettings& settings) const;
   /// Footprints over a point of the light of a lamp that emits n photons: area and number shrink and grow together, so that
   /// both bias and noise fall.
   double overlap_of(std::int64_t n) const;
-  /// The instants within an exposure at which photons are traced, s.
-  std::vector<double> instants_of(const TimeSpan& exposure) const;
+  /// The instants within an exposure at which photons of a pass are traced, s. `whole`: as reach_of has it.
+  std::vector<double> instants_of(const TimeSpan& exposure, int pass = 0, bool whole = false) const;
+  /// Area of the footprints of a pass over those of the first, so that the mean of ever more passes converges.
+  /// [Knaus 2011]
+  static double area_scale(int pass);
+  /// The part of an exposure that photons of a pass stand for: all of it in the first pass; then halves, each of them
+  /// twice; then thirds, each of them three times; and so on. `whole`: always all of it.
+  static TimeSpan reach_of(const TimeSpan& exposure, int pass, bool whole);
 };
 
 }  // namespace tempera

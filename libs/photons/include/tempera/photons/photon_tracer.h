@@ -4,6 +4,7 @@
 // lights with its derivatives. [Schjoth 2010, Sec. 3]
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "tempera/paths/light_aim.h"
@@ -24,6 +25,12 @@ struct PhotonCounts {
   double emitted_flux = 0, stored_flux = 0, escaped_flux = 0, absorbed_flux = 0;  ///< W, luminance
   PhotonCounts& operator+=(const PhotonCounts& o);
 };
+/// "20000 photons emitted, 14200 stored; ...": for people.
+std::string describe(const PhotonCounts& counts);
+
+/// What to say where find_casters finds none.
+inline constexpr const char* kNoCasters =
+    "photons: no surface of the scene reflects or refracts light sharply, so there are no caustics to find";
 
 /// Boxes around all that may send light on by R or T and not straight through, at any time of `span`: each is that of a
 /// shape or of several near each other, at most LightAim::kMaxTargets. Materials are asked at some points of a shape.
@@ -33,9 +40,11 @@ std::vector<Bounds3f> find_casters(const RayScene& rays, TimeSpan span);
 class PhotonTracer {
  public:
   /// `exposure`: of the piece, `piece`: its context, which must outlive this. `set`: which of the instants of the exposure
-  /// (PhotonOptions::instants_of); each has photons of its own. `photons`: about as many are emitted.
+  /// (PhotonOptions::instants_of); each has photons of its own, and so has each `pass` of PhotonOptions::passes.
+  /// `whole`: whether photons of each pass stand for the whole exposure.
+  /// `photons`: about as many are emitted.
   PhotonTracer(const FrameContext& piece, const PhotonOptions& options, TimeSpan exposure, int set,
-               std::int64_t photons, int max_depth);
+               std::int64_t photons, int max_depth, int pass = 0, bool whole = false);
 
   bool has_casters() const { return !casters_.empty(); }
   double instant() const { return instant_; }
@@ -82,7 +91,8 @@ class PhotonTracer {
   const FrameContext& context_;
   PhotonOptions options_;
   TimeSpan exposure_;
-  int set_;
+  int set_;  ///< of all of all passes
+  double scale_;  ///< of the footprints' area
   double instant_;
   KernelSettings kernel_;
   std::int64_t photons_;

@@ -59,6 +59,7 @@ struct FirstHit {
 /// One sample of a pixel.
 struct SampleResult {
   Rgb radiance;
+  Rgb gathered;  ///< the part of it that GatheredLight found, seen without a diffuse reflection
   float alpha = 0;
   FirstHit first;
   std::uint32_t rays = 0, shadow_rays = 0;
@@ -216,6 +217,14 @@ class GatheredLight {
                                             int most_edges) const = 0;
 };
 
+/// Radiance that a vertex scatters by D of what arrives there.
+inline Rgb scattered(const Vertex& v, const GatheredLight::Arrival& a) {
+  // Irradiance is by the geometric normal, f_cos by those of the lobes.
+  const Rgb f = v.bsdf.eval(v.s.wo, a.wi).f_cos[std::size_t(Event::kDiffuse)];
+  const float cosine = std::abs(dot(v.s.ng, a.wi));
+  return cosine > 0 ? f * a.irradiance * (1 / cosine) : Rgb(0.0f);
+}
+
 /// Collects radiance: the total, and the share of each class (the last entry: paths of no class).
 struct Tally {
   const LightPathClassifier& classifier;
@@ -248,17 +257,18 @@ struct Tally {
     total += states.add_to(classifier, c * (Rgb(1.0f) - owned), f, classes);
   }
   /// Light of the classes that are left out, which arrives at a vertex whose throughput is `beta`, seen from v.s.wo.
-  [[gnu::noinline]] void add_gathered(const WeightedStates& states, const Rgb& beta, const Vertex& v,
-                                      std::span<const GatheredLight::Arrival> arrivals) {
+  /// Returns what it adds.
+  [[gnu::noinline]] Rgb add_gathered(const WeightedStates& states, const Rgb& beta, const Vertex& v,
+                                     std::span<const GatheredLight::Arrival> arrivals) {
+    Rgb sum;
     for (const GatheredLight::Arrival& a : arrivals) {
-      // Irradiance is by the geometric normal, f_cos by those of the lobes.
-      const Rgb f = v.bsdf.eval(v.s.wo, a.wi).f_cos[std::size_t(Event::kDiffuse)];
-      const float cosine = std::abs(dot(v.s.ng, a.wi));
-      if (is_black(f) || !(cosine > 0)) continue;
-      const Rgb c = beta * f * a.irradiance * (1 / cosine);
-      total += c;
+      const Rgb c = beta * scattered(v, a);
+      if (is_black(c)) continue;
+      sum += c;
       states.add_joined(classifier, c, without, classes, [&](LightPathClassifier::State s) { return a.ends[s]; });
     }
+    total += sum;
+    return sum;
   }
 
  private:
@@ -292,7 +302,7 @@ struct Extension {
   const Rgb& gathered;       ///< radiance that the path had found before it arrived at `to`
 };
 
-/// Sees nothing. An active observer has these three functions.
+/// Sees nothing. An active observer has these functions.
 struct NoObserver {
   static constexpr bool kActive = false;
   /// The camera ray arrived at `first` (null: in the environment), which sends `emitted`.
@@ -300,6 +310,9 @@ struct NoObserver {
   /// Light was sampled at a vertex: f with its density, and the fraction that gets there. Radiance and f may be black.
   void next_event(const Vertex& /*at*/, const LightSample& /*light*/, const BsdfEval& /*f*/, float /*visible*/) {}
   void extend(const Extension& /*edge*/) {}
+  /// Light of a GatheredLight arrived at a vertex; it was asked for with `coarse` and `most_edges`.
+  void gather(const Vertex& /*at*/, std::span<const GatheredLight::Arrival> /*arrivals*/, bool /*coarse*/,
+              int /*most_edges*/) {}
 };
 
 /// Traces one path. `classes`: empty, or one entry for each class and one for paths of none. `chains`: null, or what
@@ -412,8 +425,10 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     if (edges >= options.max_depth || v.bsdf.empty()) break;
     const VertexNumbers u = camera.stream.vertex(index);
     if (gathered_light && v.bsdf.has_non_delta()) {
-      tally.add_gathered(states, beta, v,
-                         gathered_light->arriving(v, time, camera.index, blurred, options.max_depth - edges));
+      const auto arrivals = gathered_light->arriving(v, time, camera.index, blurred, options.max_depth - edges);
+      const Rgb found = tally.add_gathered(states, beta, v, arrivals);
+      if (!blurred) result.gathered += found;
+      observer.gather(v, arrivals, blurred, options.max_depth - edges);
     }
 
     // Next-event estimation. Each event's share goes to the class that it leads to. [Zimmer 2015, Sec. 3]

@@ -82,6 +82,7 @@ class TileFilm {
     Rgb sum, sum_a;
   };
   std::vector<ClassSums> class_sums_;
+  std::vector<ClassSums> gathered_sums_;  ///< of SampleResult::gathered; empty if not asked for
   std::vector<Rgb> sample_classes_;
   bool cryptomatte_;
   Features features_ = Features::kNone;
