@@ -75,6 +75,11 @@ class Denoise final : public Stage {
       out.push_back({d, false});
     }
     if (!available.halves) out.push_back({layers::color_variance(), false});
+    if (!published && !rmz13 && settings_.recipe != denoise::Recipe::kComponents &&
+        settings_.recipe != denoise::Recipe::kClasses) {
+      for (const LayerDesc& d : {layers::photon_color(), layers::photon_a(), layers::photon_b()})
+        out.push_back({d, false});
+    }
     if (rmz13) {
       out.push_back({layers::depth(), false});
       return out;
@@ -218,6 +223,8 @@ const StageEntry denoise_entry{
               {{"chain.*"},
                "`albedo` and `normal` of what is seen in mirrors and behind glass, by their letters; `object_id` for "
                "method published"},
+              {{"photon.color", "photon.color.a", "photon.color.b"},
+               "light of photons, which passes as it is with recipe single or halves"},
               {{"depth"}, "for method rmz13"}},
     .writes = {{{"color"}, "the clean picture, with the input's alpha"}},
     .window =

@@ -41,6 +41,7 @@ Available::Available(std::span<const LayerDesc> layers) {
   variance = has(layers::color_variance());
   albedo = has(layers::albedo()), normal = has(layers::normal()), emission = has(layers::emission());
   id = has(layers::object_id());
+  photons = has(layers::photon_color()) && (!halves || (has(layers::photon_a()) && has(layers::photon_b())));
   motion = has(layers::motion_forward()) && has(layers::motion_backward());
   // Only the classes of a decomposition are disjoint.
   const bool decomposition = is_decomposed(layers);
@@ -126,9 +127,8 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
   }
   const int samples = samples_of(metadata).value_or(kMany);
   if (recipe_ == Recipe::kAuto) {
-    recipe_ = !available_.halves || samples <= kFew             ? Recipe::kSingle
-              : oidn_ && !scattered.empty() && samples >= kSome ? Recipe::kComponents
-                                                                : Recipe::kHalves;
+    const bool by_class = oidn_ && !scattered.empty() && samples >= kSome && !available_.photons;
+    recipe_ = !available_.halves || samples <= kFew ? Recipe::kSingle : by_class ? Recipe::kComponents : Recipe::kHalves;
   }
   few_ = samples <= kFew;
   thorough_ = samples >= kMany;
@@ -138,6 +138,9 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
                          recipe_ == Recipe::kComponents ? " that the first surface scatters" : ""));
     recipe_ = Recipe::kHalves;
   }
+  // Neighbouring pixels gather light from the same photons: it has no noise of its own in each of them, and edges that a
+  // filter of the other light would take for noise.
+  photons_ = available_.photons && (recipe_ == Recipe::kSingle || recipe_ == Recipe::kHalves);
   if (recipe_ == Recipe::kClasses) {
     part_by_class(metadata);
     return;
@@ -381,6 +384,10 @@ Frame Denoiser::make(int frame) {
     }
   }
   if (recipe_ != Recipe::kClasses) clean.push_back(with_residuals(all));
+  if (photons_) {
+    const Planes& photons = source(frame).photons;
+    for_values(clean[0], [&](int c, int y, int x, float v) { return std::max(v, 0.0f) + photons.row(c, y)[x]; });
+  }
   const Held held = source(frame).held;
   forget();
   Frame out = run_.start(frame);
@@ -408,7 +415,8 @@ std::vector<std::string> Denoiser::notes() const {
                           : recipe_ == Recipe::kComponents ? "halves of the samples, by class of light paths"
                           : recipe_ == Recipe::kHalves     ? "halves of the samples"
                                                            : "all samples together";
-  std::vector<std::string> out{fmt::format("denoised by {}: {}", describe_method(oidn_.get()), how)};
+  std::vector<std::string> out{fmt::format("denoised by {}: {}{}", describe_method(oidn_.get()), how,
+                                           photons_ ? "; light of photons as it is" : "")};
   if (damaged_ > 0) out.push_back(fmt::format("{} values that are not finite or beyond 1e14 count as 0", damaged_));
   if (firefly_ && held_.all > 0)
     out.push_back(

@@ -62,6 +62,7 @@ struct Available {
   explicit Available(std::span<const LayerDesc> layers);
   bool halves = false, variance = false, albedo = false, normal = false, emission = false, id = false, motion = false;
   bool any_chain = false;            ///< features of all chains together
+  bool photons = false;              ///< light of photons apart, with its halves if there are halves
   std::vector<std::string> classes;  ///< of a decomposition, that have halves of their own
   std::vector<std::string> chains;   ///< that have features of their own
   std::vector<std::string> moving;   ///< of these, that have vectors
@@ -119,6 +120,7 @@ class Denoiser {
     std::vector<View> views;
     PackedPlanes emitter;            ///< 1 near what emits light: it has no reflectance that it could be divided by
     std::vector<PackedLight> light;  ///< of each part, divided where it can be
+    Planes photons;                  ///< light of photons, which is none of the parts'; empty if it is
     Held held;
   };
   /// Squared errors of the parts that are filtered apart, and of all light that is filtered together.
@@ -206,6 +208,7 @@ class Denoiser {
   Recipe recipe_;
   /// Times the brightest of the other half around that a half may be; none: as bright as it likes.
   std::optional<float> firefly_;
+  bool photons_ = false;   ///< whether light of photons passes as it is
   bool few_ = false;       ///< samples, so that cleaning features costs more than it gains
   bool thorough_ = false;  ///< whether Open Image Denoise takes the time for its best
   std::map<int, Source> sources_;

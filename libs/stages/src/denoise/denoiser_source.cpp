@@ -31,7 +31,14 @@ Denoiser::Source Denoiser::read(int frame) {
   const auto prepared = cpu_seconds();
   Source out;
   const auto planes = [&](const LayerDesc& layer, int channels) { return in.take(layer, channels); };
-  const Planes color = planes(layers::color(), 3);
+  Planes color = planes(layers::color(), 3);
+  const auto take_photons = [&](Planes& from, const LayerDesc& layer) {
+    if (!photons_ || from.empty()) return Planes();
+    Planes photons = planes(layer, 3);
+    for_values(from, [&](int c, int y, int x, float v) { return v - photons.row(c, y)[x]; });
+    return photons;
+  };
+  out.photons = take_photons(color, layers::photon_color());
   const int width = color.width(), height = color.height();
   const Planes first_albedo = planes(layers::albedo(), 3), first_normal = planes(layers::normal(), 3);
   for (const std::vector<std::string>& chains : views_) {
@@ -88,8 +95,11 @@ Denoiser::Source Denoiser::read(int frame) {
     return Light{std::move(halves[0]), std::move(halves[1]), {}};
   };
   Light rest{color, {}, {}};
-  if (available_.halves && samples_of(in.metadata()) != 1)
-    rest = halves_of(color, planes(layers::color_a(), 3), planes(layers::color_b(), 3));
+  if (available_.halves && samples_of(in.metadata()) != 1) {
+    Planes a = planes(layers::color_a(), 3), b = planes(layers::color_b(), 3);
+    take_photons(a, layers::photon_a()), take_photons(b, layers::photon_b());
+    rest = halves_of(color, a, b);
+  }
   const Planes variance = rest.halves() ? Planes() : planes(layers::color_variance(), 3);
   for (std::size_t p = 0; p < parts_.size(); ++p) {
     const Part& part = parts_[p];

@@ -338,6 +338,41 @@ TEST_F(Denoise, ClassesFollowWhatMirrorsShow) {
 }
 #endif
 
+// A spot of theirs, as small as a pixel, is no firefly and stays as sharp as it is.
+TEST_F(Denoise, LightOfPhotonsPassesAsItIs) {
+  const auto photons = [](int frame, int x, int y) { return x == 20 + frame && y == 15 ? 8.0f : x % 3 ? 0.0f : 0.25f; };
+  for (const bool halves : {true, false}) {
+    Shot s;
+    s.last = 3, s.halves = halves;
+    write("without", s);
+    for (int f = s.first; f <= s.last; ++f) {
+      Frame frame = make(s, f);
+      for (const auto& [all, part] : {std::pair{layers::color(), layers::photon_color()},
+                                      {layers::color_a(), layers::photon_a()},
+                                      {layers::color_b(), layers::photon_b()}}) {
+        if (!frame.has(all.name)) continue;
+        Image& light = frame.create(part);
+        for (int y = 0; y < kHeight; ++y) {
+          for (int x = 0; x < kWidth; ++x) {
+            light.set_rgb(x, y, gray(photons(f, x, y)));
+            frame.layer(all.name).set_rgb(x, y, frame.layer(all.name).rgb(x, y) + light.rgb(x, y));
+          }
+        }
+      }
+      write_frame(frame_path(pattern("with"), f), frame);
+    }
+    const FrameSequence with(pattern("with")), without(pattern("without"));
+    run(with, "a"), run(without, "b");
+    const Frame a = result("a", 2), b = result("b", 2);
+    EXPECT_FALSE(a.has("photon.color"));
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        ASSERT_NEAR(a.layer("color").rgb(x, y).g, b.layer("color").rgb(x, y).g + photons(2, x, y), 2e-3f) << x << " " << y;
+      }
+    }
+  }
+}
+
 TEST_F(Denoise, FirefliesAreHeldBackAndReported) {
   const Shot shot{.last = 5, .firefly_frame = 3};
   const FrameSequence in = write("in", shot);
