@@ -73,7 +73,8 @@ void trace(Film& film, Ray ray, float flux, float initial, int edges, int max_ed
   }
 }
 
-std::vector<float> reference(const FrameContext& frame, const Rectangle& lit, int nx, int nz, int times, int max_edges) {
+std::vector<float> reference(const FrameContext& frame, const Rectangle& lit, int nx, int nz, int times,
+                             int max_edges) {
   const TimeSpan exposure = frame.settings.clock.exposure(frame.frame);
   const double top = double(frame.rays.bounds().hi.y) + 1;
   const double area = (lit.x1 - lit.x0) * (lit.z1 - lit.z0);
@@ -87,8 +88,7 @@ std::vector<float> reference(const FrameContext& frame, const Rectangle& lit, in
     const double v = std::fmod((double(k) + 0.5) * 0.5698402909980532, 1.0);
     for (int j = 0; j < nz; ++j) {
       for (int i = 0; i < nx; ++i) {
-        const Vec3f o(
-            Vec3d{lit.x0 + (lit.x1 - lit.x0) * (i + u) / nx, top, lit.z0 + (lit.z1 - lit.z0) * (j + v) / nz});
+        const Vec3f o(Vec3d{lit.x0 + (lit.x1 - lit.x0) * (i + u) / nx, top, lit.z0 + (lit.z1 - lit.z0) * (j + v) / nz});
         trace(films[std::size_t(k)], {o, {0, -1, 0}, 0, kInfinity, t}, flux, flux, 1, max_edges);
       }
     }

@@ -40,7 +40,8 @@ class Scene:
     """A scene of the gallery and how it is looked at.
 
     `size`: metres that the camera sees, across and down; `corner`: x and z of the picture's top left. `lit`: the part of the
-    light that reaches what is seen, with so many `rays` along x and z. `counted`: x0, z0, x1, z1 where photons are counted, None: anywhere."""
+    light that reaches what is seen, with so many `rays` along x and z. `counted`: x0, z0, x1, z1 where photons are counted,
+    None: anywhere."""
 
     def __init__(self, name, frame, size, corner, lit, rays, counted, depth):
         self.name, self.frame, self.size, self.corner = name, frame, size, corner
@@ -84,7 +85,7 @@ class Study:
 
     @functools.cache
     def emitted(self, scene, exposure, count, integrator, **parameters):
-        """How many have to be emitted for `count` that count: beams that are bent strongly are divided, so that it is tried."""
+        """How many are emitted for `count` that count. It is tried: beams that are bent strongly are divided."""
         x0, z0, x1, z1 = scene.counted or (-math.inf, -math.inf, math.inf, math.inf)
         emitted, fewer = 8 * count, max(1, count / 5000)
         for _ in range(2):
@@ -270,9 +271,10 @@ def figure_6(study):
                   number(None if between is None else result.banding(between)), number(result.banding(0)), radius)
         shown[key] = result.picture(f"{key} {photons}{'' if between is None else f', {between} between'}  {number(error)}")
 
-    for photons in (500, 1000):
+    for photons in (500, 1000, 4000):
+        parameters = TRAILING | {"overlap": max(9, round(9 * math.sqrt(photons / 1000)))}  # the default of so many
         row(f"ours{photons}" if photons != 1000 else "ours", "temporal, our defaults", photons,
-            study.render(WAVE, f"ours_{photons}", "temporal_photon", photons, **TRAILING))
+            study.render(WAVE, f"ours_{photons}", "temporal_photon", photons, **parameters))
     row("(a)", "temporal, as published", 1000, study.render(WAVE, "published_1000", "temporal_photon", 1000, **PUBLISHED))
     letters = iter(["(b)", "(b)2", "(b)10", "(f)", "(g)", "(h)", "(c)", "(d)", "(e)"])
     many = 120000 if study.quick else 480000
@@ -282,8 +284,8 @@ def figure_6(study):
             result, radius = study.best(WAVE, f"maps_{photons}_{between}", photons, between, radii)
             row(next(letters), "time-dependent", photons, result, between, radius)
     reference = Picture("reference", study.reference(WAVE, 1)[0], LAYER, exposure=-1.5)
-    panel(study.out / "figure_06.jpg", [reference, *(shown[k] for k in ("(a)", "(c)", "(d)", "(e)", "ours", "(b)", "(f)", "(g)", "(h)"))],
-          columns=5, width=230)
+    order = ("(a)", "(c)", "(d)", "(e)", "ours", "(b)", "(f)", "(g)", "(h)")
+    panel(study.out / "figure_06.jpg", [reference, *(shown[k] for k in order)], columns=5, width=230)
 
 
 def figure_7(study):
@@ -299,7 +301,8 @@ def figure_7(study):
                   number(None if between is None else result.banding(between)), number(result.banding(0)))
         shown[key] = result.picture(f"{key}  {number(error)}")
 
-    row("(a) as published", "temporal, as published", count, study.render(ROD, "published", "temporal_photon", count, **PUBLISHED))
+    row("(a) as published", "temporal, as published", count,
+        study.render(ROD, "published", "temporal_photon", count, **PUBLISHED))
     row("emission, middle", "temporal, gauge `emission`, `middle`", count,
         study.render(ROD, "emission", "temporal_photon", count, gauge="emission", overlap=9))
     row("ours", "temporal, our defaults", count, study.render(ROD, "ours", "temporal_photon", count, overlap=9))
