@@ -329,7 +329,7 @@ def figure_8(study):
     files = []
     for gauge in ("emission", "matter"):
         lines = []
-        for x, z, dx, dz in study.photons(ROD, 1, 1500, **PUBLISHED | {"gauge": gauge}):
+        for x, z, dx, dz in study.photons(ROD, 1, 600, **PUBLISHED | {"gauge": gauge}):
             ends = [(x - ROD.corner[0], z - ROD.corner[1]), (x - ROD.corner[0] + exposure * dx, z - ROD.corner[1] + exposure * dz)]
             lines += ["--line:color=0,0,0", ",".join(f"{scale * v:.0f}" for end in ends for v in end)]
         files.append(study.out / f"figure_08_{gauge}.png")
