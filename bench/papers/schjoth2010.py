@@ -241,7 +241,7 @@ def number(value):
 def figure_5(study):
     """The wave at all exposures, 1000 photons."""
     count = 1000
-    study.table("Figure 5: `wave`, 1000 photons, L1", "exposure", "as published", "our defaults", "still photons",
+    study.table("Figure 5: `wave`, 1000 photons, L1", "exposure", "as published", "with the matter", "still photons",
                 "time-dependent, 10 in between (radius)")
     pictures = {"published": [], "ours": [], "maps": [], "reference": []}
     for name, e in [*EXPOSURES.items()][::3 if study.quick else 1]:
@@ -253,10 +253,11 @@ def figure_5(study):
         errors = [r.error(e) for r in (published, ours, still, maps)]
         study.row(name, *map(number, errors[:3]), f"{number(errors[3])} ({radius})")
         pictures["published"].append(published.picture(f"e = {name}  {number(errors[0])}"))
-        pictures["ours"].append(ours.picture(f"ours  {number(errors[1])}"))
+        pictures["ours"].append(ours.picture(f"matter  {number(errors[1])}"))
         pictures["maps"].append(maps.picture(f"maps  {number(errors[3])}"))
         pictures["reference"].append(Picture("reference", study.reference(WAVE, e)[0], LAYER, exposure=-1.5))
-    panel(study.out / "figure_05.jpg", [p for row in pictures.values() for p in row], columns=len(pictures["ours"]), width=150)
+    panel(study.out / "figure_05.jpg", [p for row in pictures.values() for p in row], columns=len(pictures["ours"]),
+          width=150)
 
 
 def figure_6(study):
@@ -271,10 +272,12 @@ def figure_6(study):
                   number(None if between is None else result.banding(between)), number(result.banding(0)), radius)
         shown[key] = result.picture(f"{key} {photons}{'' if between is None else f', {between} between'}  {number(error)}")
 
-    for photons in (500, 1000, 4000):
-        parameters = TRAILING | {"overlap": max(9, round(9 * math.sqrt(photons / 1000)))}  # the default of so many
-        row(f"ours{photons}" if photons != 1000 else "ours", "temporal, our defaults", photons,
-            study.render(WAVE, f"ours_{photons}", "temporal_photon", photons, **parameters))
+    for photons in (1000, 2000, 4000):
+        row(f"ours, {photons}", "temporal, our defaults", photons,
+            study.render(WAVE, f"ours_{photons}", "temporal_photon", photons, instant="close"))
+    for photons in (500, 1000):
+        row("matter", "temporal, with the matter", photons,
+            study.render(WAVE, f"matter_{photons}", "temporal_photon", photons, **TRAILING))
     row("(a)", "temporal, as published", 1000, study.render(WAVE, "published_1000", "temporal_photon", 1000, **PUBLISHED))
     letters = iter(["(b)", "(b)2", "(b)10", "(f)", "(g)", "(h)", "(c)", "(d)", "(e)"])
     many = 120000 if study.quick else 480000
@@ -284,7 +287,7 @@ def figure_6(study):
             result, radius = study.best(WAVE, f"maps_{photons}_{between}", photons, between, radii)
             row(next(letters), "time-dependent", photons, result, between, radius)
     reference = Picture("reference", study.reference(WAVE, 1)[0], LAYER, exposure=-1.5)
-    order = ("(a)", "(c)", "(d)", "(e)", "ours", "(b)", "(f)", "(g)", "(h)")
+    order = ("(a)", "(c)", "(d)", "(e)", "matter", "(b)", "(f)", "(g)", "(h)")
     panel(study.out / "figure_06.jpg", [reference, *(shown[k] for k in order)], columns=5, width=230)
 
 
@@ -305,7 +308,9 @@ def figure_7(study):
         study.render(ROD, "published", "temporal_photon", count, **PUBLISHED))
     row("emission, middle", "temporal, gauge `emission`, `middle`", count,
         study.render(ROD, "emission", "temporal_photon", count, gauge="emission", overlap=9))
-    row("ours", "temporal, our defaults", count, study.render(ROD, "ours", "temporal_photon", count, overlap=9))
+    row("with the matter", "temporal, with the matter, `middle`", count,
+        study.render(ROD, "matter", "temporal_photon", count, overlap=9))
+    row("defaults", "temporal, our defaults", count, study.render(ROD, "defaults", "temporal_photon", count))
     for key, nearest in (("(b) 100 nearest", 100), ("(c) 250 nearest", 250)):
         for between in (0, 2, 10):
             row(f"{key}, {between}", f"time-dependent, {nearest} nearest", count,
@@ -317,7 +322,7 @@ def figure_7(study):
         row(f"{many}, {between}", f"time-dependent, radius {radius}", many, result, between)
     reference = Picture("reference", study.reference(ROD, 1)[0], LAYER, exposure=-1.5)
     panel(study.out / "figure_07.jpg",
-          [shown["(a) as published"], shown["ours"], reference,
+          [shown["(a) as published"], shown["with the matter"], reference,
            shown["(b) 100 nearest, 0"], shown["(b) 100 nearest, 2"], shown["(b) 100 nearest, 10"],
            shown["(c) 250 nearest, 0"], shown["(c) 250 nearest, 2"], shown["(c) 250 nearest, 10"]], columns=3, width=360)
 
