@@ -58,6 +58,7 @@ class Study:
     def __init__(self, args):
         self.tempera, self.caustic_light = args.build / "bin/tempera", args.build / "bench/caustic_light"
         self.out, self.cells, self.quick = args.out, args.size, args.quick
+        self.between = (0, 10) if args.quick else (0, 2, 10)  # instants, of time-dependent maps
         self.rows = []
         (self.out / "frames").mkdir(parents=True, exist_ok=True)
 
@@ -106,7 +107,7 @@ class Study:
 
     @functools.cache
     def reference(self, scene, exposure):
-        file = self.out / f"frames/{scene.name}_reference_{exposure:.3f}"
+        file = self.out / f"frames/{scene.name}_reference_{round(1000 * exposure)}"
         rays, times = scene.rays, 20 if self.quick else 60 if scene is ROD else 120
         seconds_of([self.caustic_light, "reference", self.shot(scene.name), scene.frame, ",".join(map(str, scene.lit)), rays,
                     times, file.with_suffix(".pfm"), *self.settings(scene, exposure)])
@@ -123,6 +124,7 @@ class Study:
 
     def best(self, scene, name, photons, between, radii, exposure=1, **parameters):
         """A time-dependent photon map with the radius of least error; that radius."""
+        radii = radii[1:2] if self.quick else radii
         results = {r: self.render(scene, f"{name}_{r}", "time_photon", photons, exposure, between=between, radius=r,
                                   **parameters) for r in radii}
         radius = min(results, key=lambda r: results[r].error(exposure))
@@ -279,16 +281,17 @@ def figure_6(study):
         row("matter", "temporal, with the matter", photons,
             study.render(WAVE, f"matter_{photons}", "temporal_photon", photons, **TRAILING))
     row("(a)", "temporal, as published", 1000, study.render(WAVE, "published_1000", "temporal_photon", 1000, **PUBLISHED))
-    letters = iter(["(b)", "(b)2", "(b)10", "(f)", "(g)", "(h)", "(c)", "(d)", "(e)"])
+    letters = {(1000, 0): "(b)", (40000, 0): "(f)", (40000, 2): "(g)", (40000, 10): "(h)"}
     many = 120000 if study.quick else 480000
     for photons, radii in ((1000, (0.12, 0.16, 0.24, 0.32)), (40000, (0.04, 0.06, 0.08, 0.12)), (many, (0.03, 0.04, 0.06))):
-        radii = radii[1:3] if study.quick else radii
-        for between in (0, 2, 10):
+        for between in study.between:
             result, radius = study.best(WAVE, f"maps_{photons}_{between}", photons, between, radii)
-            row(next(letters), "time-dependent", photons, result, between, radius)
+            letter = {0: "(c)", 2: "(d)", 10: "(e)"}[between] if photons == many else letters.get((photons, between), "")
+            row(letter, "time-dependent", photons, result, between, radius)
     reference = Picture("reference", study.reference(WAVE, 1)[0], LAYER, exposure=-1.5)
     order = ("(a)", "(c)", "(d)", "(e)", "matter", "(b)", "(f)", "(g)", "(h)")
-    panel(study.out / "figure_06.jpg", [reference, *(shown[k] for k in order)], columns=5, width=230)
+    panel(study.out / "figure_06.jpg", [reference, *(shown[k] for k in order if k in shown)],
+          columns=2 + len(study.between), width=230)
 
 
 def figure_7(study):
@@ -312,19 +315,19 @@ def figure_7(study):
         study.render(ROD, "matter", "temporal_photon", count, overlap=9))
     row("defaults", "temporal, our defaults", count, study.render(ROD, "defaults", "temporal_photon", count))
     for key, nearest in (("(b) 100 nearest", 100), ("(c) 250 nearest", 250)):
-        for between in (0, 2, 10):
+        for between in study.between:
             row(f"{key}, {between}", f"time-dependent, {nearest} nearest", count,
                 study.render(ROD, f"nearest_{nearest}_{between}", "time_photon", count, between=between, nearest=nearest, radius=1),
                 between)
     many = 20000 if study.quick else 100000
-    for between in (0, 2, 10):
+    for between in study.between:
         result, radius = study.best(ROD, f"maps_{between}", many, between, (0.02, 0.03, 0.045))
         row(f"{many}, {between}", f"time-dependent, radius {radius}", many, result, between)
     reference = Picture("reference", study.reference(ROD, 1)[0], LAYER, exposure=-1.5)
-    panel(study.out / "figure_07.jpg",
-          [shown["(a) as published"], shown["with the matter"], reference,
-           shown["(b) 100 nearest, 0"], shown["(b) 100 nearest, 2"], shown["(b) 100 nearest, 10"],
-           shown["(c) 250 nearest, 0"], shown["(c) 250 nearest, 2"], shown["(c) 250 nearest, 10"]], columns=3, width=360)
+    first = [shown["(a) as published"], shown["with the matter"], reference]
+    nearest = [shown[k] for k in shown if "nearest" in k]
+    panel(study.out / "figure_07.jpg", (first if len(study.between) == 3 else first[1:]) + nearest,
+          columns=len(study.between), width=360)
 
 
 def figure_8(study):
