@@ -127,6 +127,10 @@ void GalleryBuilder::camera(double fov, const Vec3d& eye, const Vec3d& target) {
   const int camera = glb_->camera("camera", fov, double(scene_.width) / scene_.height);
   glb_->node({.name = "camera", .translation = eye, .rotation = view(eye, target), .camera = camera});
 }
+void GalleryBuilder::camera_above(const std::string& name, const Vec3d& eye, const Vec2d& size) {
+  const int camera = glb_->camera(name, size);
+  glb_->node({.name = name, .translation = eye, .rotation = gallery::about_x(-90), .camera = camera});
+}
 void GalleryBuilder::camera(double fov, const std::function<Vec3d(double)>& eye,
                             const std::function<Vec3d(double)>& target) {
   const int camera = glb_->camera("camera", fov, double(scene_.width) / scene_.height);

@@ -58,6 +58,8 @@ class GalleryBuilder {
   void camera(double fov_y_degrees, const Vec3d& eye, const Vec3d& target);
   void camera(double fov_y_degrees, const std::function<Vec3d(double frame)>& eye,
               const std::function<Vec3d(double frame)>& target);
+  /// Another camera, which looks straight down on so much of the ground, with -z up.
+  void camera_above(const std::string& name, const Vec3d& eye, const Vec2d& size);
 
   GalleryFiles finish();
 

@@ -242,6 +242,15 @@ int Glb::camera(const std::string& name, double fov_y_degrees, double aspect) {
                                   {"zfar", 10000.0f}}}});
 }
 
+int Glb::camera(const std::string& name, const Vec2d& size) {
+  return data_->add(
+      "cameras",
+      {{"name", name},
+       {"type", "orthographic"},
+       {"orthographic",
+        {{"xmag", float(0.5 * size.x)}, {"ymag", float(0.5 * size.y)}, {"znear", 0.0f}, {"zfar", 10000.0f}}}});
+}
+
 int Glb::directional_light(const std::string& name, const Rgb& irradiance) {
   data_->extensions.insert("KHR_lights_punctual");
   const float strength = std::max(max_component(irradiance), 1e-6f);

@@ -34,6 +34,7 @@ void fill(GalleryBuilder& b, bool collimated) {
     b.glb().node({.name = "collimated", .translation = {0, 5, 0}, .rotation = about_x(-90), .light = light});
   }
   b.camera(34, {0.85, 3.3, 2.5}, {0.72, 0, -0.95});
+  b.camera_above("above", {1.2, 0.15, 0}, {2.8, 2.4});
 }
 
 void build(GalleryBuilder& b) {
@@ -71,7 +72,7 @@ extern const GalleryScene glass_cylinder_scene{
         "a frame, counterclockwise from above; at frame 0 it points along +x. Its free end is fast and its caustic "
         "there blurred. 128 x 48\n"
         "quadrilaterals with exact normals, and flat ends. The exposure is the whole frame; the floor has reflectance "
-        "0.8.\n\n"
+        "0.8. The camera `above` looks straight down on the floor from below the rod.\n\n"
         "As in `wave`, a sun (2 degrees in radius, 0.9 of the irradiance, which is pi without the sky) stands for "
         "collimated light,\n"
         "and the variant `collimated` has the paper's.\n",

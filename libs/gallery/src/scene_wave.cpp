@@ -78,6 +78,7 @@ void fill(GalleryBuilder& b, Water motion, Light light) {
     b.glb().node({.name = "collimated", .translation = {0, 5, 0}, .rotation = about_x(-90), .light = collimated});
   }
   b.camera(40, {0, 1.2, 3}, {0, 0, 0});
+  b.camera_above("above", {0, 1.5, 0}, {2, 2});
 }
 
 void build(GalleryBuilder& b) {
@@ -121,7 +122,7 @@ extern const GalleryScene wave_scene{
         "wavelength with the wave's own normals; the index of the water is 1.33 and the crests' focal length 2.04 m. "
         "The floor is diffuse with\n"
         "reflectance 0.8. The exposure is the whole frame. The camera stands under water at (0, 1.2, 3), looks at the\n"
-        "origin and sees 40 degrees.\n\n"
+        "origin and sees 40 degrees; the camera `above` looks straight down on 2 m x 2 m of the floor.\n\n"
         "The paper's light is collimated. No path that starts at the camera finds such a light through water, so the "
         "scene has a\n"
         "sun of 4 degrees in radius in its place, of the same irradiance pi, and the variant `collimated` the paper's. "

@@ -42,6 +42,42 @@ LightPathClassifier::State next(const LightPathClassifier& c, LightPathClassifie
   }
 }
 
+/// Photons from nearly the same direction arrive as one, so that the surface is asked once for all of them.
+class Arrivals {
+ public:
+  using Ends = std::vector<LightPathClassifier::State>;
+  explicit Arrivals(std::vector<GatheredLight::Arrival>& out) : out_(out) {}
+  void add(const Photon& p, const Rgb& irradiance, const Ends& ends) {
+    const std::uint64_t key = direction_cell(p.wi) | std::uint64_t(p.suffix) << 32 | std::uint64_t(1) << 63;
+    const std::size_t first = mix64(key) % kGroups;
+    for (std::size_t k = 0; k < 4; ++k) {
+      Group& g = groups_[(first + k) % kGroups];
+      if (g.key == key) {
+        GatheredLight::Arrival& a = out_[g.arrival];
+        a.wi += p.wi * luminance(irradiance);
+        a.irradiance += irradiance;
+        return;
+      }
+      if (g.key != 0) continue;
+      g = {key, out_.size()};
+      break;
+    }
+    out_.push_back({p.wi * luminance(irradiance), irradiance, ends});
+  }
+  void finish() {
+    for (GatheredLight::Arrival& a : out_) a.wi = normalize(a.wi);
+  }
+
+ private:
+  static constexpr std::size_t kGroups = 64;
+  struct Group {
+    std::uint64_t key = 0;
+    std::size_t arrival = 0;
+  };
+  std::array<Group, kGroups> groups_;
+  std::vector<GatheredLight::Arrival>& out_;
+};
+
 }  // namespace
 
 PhotonMap::Set PhotonMap::make_set(std::vector<Photon> photons) const {
@@ -66,13 +102,20 @@ PhotonMap::Set PhotonMap::make_set(std::vector<Photon> photons) const {
   set.photons.reserve(photons.size());
   for (const Place& o : order) set.photons.push_back(photons[o.index]);
   std::vector<Bounds3f> boxes;
+  std::vector<Vec3f> points;
   auto from = set.photons.begin();
   for (std::size_t half = 0; half < 2; ++half) {
     const auto to = std::find_if(from, set.photons.end(), [&](const Photon& p) { return p.half != half; });
-    boxes.clear();
-    for (auto p = from; p != to; ++p) boxes.push_back(footprint_bounds(p->footprint, kernel_, p->n, p->thickness));
     set.first_of_half[half] = std::uint32_t(from - set.photons.begin());
-    set.index.emplace_back(boxes);
+    if (nearest_ > 0) {
+      points.clear();
+      for (auto p = from; p != to; ++p) points.push_back(p->footprint.center);
+      set.points.emplace_back(points);
+    } else {
+      boxes.clear();
+      for (auto p = from; p != to; ++p) boxes.push_back(footprint_bounds(p->footprint, kernel_, p->n, p->thickness));
+      set.index.emplace_back(boxes);
+    }
     from = to;
   }
   return set;
@@ -81,6 +124,8 @@ PhotonMap::Set PhotonMap::make_set(std::vector<Photon> photons) const {
 PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, const LightPathClassifier& classifier,
                      const RayScene& rays, bool always_instant)
     : kernel_(tracer.kernel()),
+      nearest_(tracer.nearest()),
+      radius_(float(tracer.disc_radius())),
       instant_(tracer.instant()),
       always_instant_(always_instant),
       halves_(tracer.halves()),
@@ -110,6 +155,10 @@ PhotonMap::PhotonMap(const PhotonTracer& tracer, std::vector<Photon> photons, co
     p.suffix = suffixes[p.events.code()];
     p.edges = std::uint8_t(p.events.size() + 1);
   }
+  if (nearest_ > 0) {
+    sets_[0] = make_set(std::move(photons));
+    return;
+  }
   std::vector<Photon> few;
   for (const Photon& p : photons) {
     if (!(p.coarse_scale > 0)) continue;
@@ -126,58 +175,98 @@ std::uint64_t PhotonMap::memory() const {
   for (const Set& set : sets_) {
     bytes += set.photons.capacity() * sizeof(Photon);
     for (const BoxIndex& i : set.index) bytes += i.memory();
+    for (const PointIndex& i : set.points) bytes += i.memory();
   }
   return bytes;
 }
 
+/// Where a map is asked.
+struct PhotonMap::Place {
+  Vec3f position, ng;
+  std::uint32_t instance;
+  bool moving;
+};
+
+PhotonMap::Place PhotonMap::place_of(const Vertex& at) const {
+  const std::uint32_t instance = at.hit.point.instance;
+  Place place{at.s.p, at.s.ng, instance, bool(moves_[instance])};
+  // Matter that moves is looked up where it was when the photons met it.
+  if (place.moving) place.position = rays_.position(at.hit.point, instant_, &place.ng);
+  return place;
+}
+
+/// Whether a photon lies on the surface that is asked about, and its path is short enough.
+bool PhotonMap::counts(const Photon& p, const Place& at, int most_edges) const {
+  if ((p.instance != at.instance && (at.moving || moves_[p.instance])) || p.edges > most_edges) return false;
+  return std::abs(dot(p.n, at.position - p.footprint.center)) <= p.thickness &&
+         std::abs(dot(p.n, at.ng)) >= kLeastNormalCosine;
+}
+
 void PhotonMap::gather(const Vertex& at, double t, int half, bool coarse, int most_edges,
                        std::vector<GatheredLight::Arrival>& out) const {
+  if (nearest_ > 0) {
+    thread_local std::vector<float> room;
+    NearestDistance found(std::size_t(nearest_), sqr(radius_), room);
+    find_nearest(at, half, most_edges, found);
+    gather_disc(at, half, most_edges, found.reach(), out);
+    return;
+  }
   out.clear();
   const Set& set = sets_[coarse];
-  const std::uint32_t instance = at.hit.point.instance;
-  const bool moving = moves_[instance], instant = always_instant_ || moving;
-  Vec3f position = at.s.p, ng = at.s.ng;
-  // Matter that moves is looked up where it was when the photons met it.
-  if (moving) position = rays_.position(at.hit.point, instant_, &ng);
+  const Place place = place_of(at);
+  const bool instant = always_instant_ || place.moving;
   const float sigma = kernel_.begin < kernel_.end ? float(t - instant_) : 0.0f;
-  // Photons from nearly the same direction arrive as one, so that the surface is asked once for all of them.
-  constexpr std::size_t kGroups = 64;
-  struct Group {
-    std::uint64_t key = 0;
-    std::size_t arrival = 0;
-  };
-  std::array<Group, kGroups> groups;
+  Arrivals arrivals(out);
   const bool one = halves_ && half >= 0;
   for (int h = 0; h < (halves_ ? 2 : 1); ++h) {
     if (one && h != half) continue;
-    set.index[h].visit(position, [&](std::size_t i) {
+    set.index[h].visit(place.position, [&](std::size_t i) {
       const Photon& p = set.photons[set.first_of_half[h] + i];
-      const Vec3f offset = position - p.footprint.center;
-      if ((p.instance != instance && (moving || moves_[p.instance])) || p.edges > most_edges) return;
-      if (std::abs(dot(p.n, offset)) > p.thickness || std::abs(dot(p.n, ng)) < kLeastNormalCosine) return;
+      if (!counts(p, place, most_edges)) return;
+      const Vec3f offset = place.position - p.footprint.center;
       float density = instant ? instant_density(p.footprint, kernel_.kernel, offset, sigma, p.rate)
                               : swept_density(p.footprint, kernel_, offset, p.rate);
       if (!(density > 0)) return;
       if (one) density *= 2;
-      const Rgb irradiance = p.flux * density;
-      const std::uint64_t key = direction_cell(p.wi) | std::uint64_t(p.suffix) << 32 | std::uint64_t(1) << 63;
-      const std::size_t first = mix64(key) % kGroups;
-      for (std::size_t k = 0; k < 4; ++k) {
-        Group& g = groups[(first + k) % kGroups];
-        if (g.key == key) {
-          GatheredLight::Arrival& a = out[g.arrival];
-          a.wi += p.wi * luminance(irradiance);
-          a.irradiance += irradiance;
-          return;
-        }
-        if (g.key != 0) continue;
-        g = {key, out.size()};
-        break;
-      }
-      out.push_back({p.wi * luminance(irradiance), irradiance, ends_[p.suffix]});
+      arrivals.add(p, p.flux * density, ends_[p.suffix]);
     });
   }
-  for (GatheredLight::Arrival& a : out) a.wi = normalize(a.wi);
+  arrivals.finish();
+}
+
+void PhotonMap::find_nearest(const Vertex& at, int half, int most_edges, NearestDistance& found) const {
+  const Set& set = sets_[0];
+  const Place place = place_of(at);
+  for (int h = 0; h < (halves_ ? 2 : 1); ++h) {
+    if (halves_ && half >= 0 && h != half) continue;
+    set.points[h].visit(place.position, found.reach(), [&](std::size_t i, float d2) {
+      if (counts(set.photons[set.first_of_half[h] + i], place, most_edges)) found.add(d2);
+      return found.reach();
+    });
+  }
+}
+
+void PhotonMap::gather_disc(const Vertex& at, int half, int most_edges, float radius_squared,
+                            std::vector<GatheredLight::Arrival>& out) const {
+  out.clear();
+  if (!(radius_squared > 0)) return;
+  const Set& set = sets_[0];
+  const Place place = place_of(at);
+  const bool one = halves_ && half >= 0;
+  const float to_filter = sqr(support(kernel_.kernel)) / radius_squared;
+  const float scale = (one ? 2.0f : 1.0f) * to_filter * kInvPi;
+  Arrivals arrivals(out);
+  for (int h = 0; h < (halves_ ? 2 : 1); ++h) {
+    if (one && h != half) continue;
+    set.points[h].visit(place.position, radius_squared, [&](std::size_t i, float d2) {
+      const Photon& p = set.photons[set.first_of_half[h] + i];
+      // The farthest one says how large the disc is. With its light, too, there would be too much on average.
+      if (d2 < radius_squared && counts(p, place, most_edges))
+        arrivals.add(p, p.flux * (spatial_kernel(kernel_.kernel, d2 * to_filter) * scale), ends_[p.suffix]);
+      return radius_squared;
+    });
+  }
+  arrivals.finish();
 }
 
 void PhotonLight::add(std::size_t piece, PhotonMap map) {
@@ -209,8 +298,20 @@ std::span<const GatheredLight::Arrival> PhotonLight::arriving(const Vertex& at, 
   }
   thread_local std::vector<Arrival> one;
   result.clear();
+  // The nearest photons are those of all instants together.
+  const bool nearest = !maps.empty() && maps[0]->nearest() > 0;
+  float reach = 0;
+  if (nearest) {
+    thread_local std::vector<float> room;
+    NearestDistance found(std::size_t(maps[0]->nearest()), sqr(maps[0]->largest_radius()), room);
+    for (const auto& map : maps) map->find_nearest(at, half, most_edges, found);
+    reach = found.reach();
+  }
   for (const auto& map : maps) {
-    map->gather(at, time, half, coarse, most_edges, one);
+    if (nearest)
+      map->gather_disc(at, half, most_edges, reach, one);
+    else
+      map->gather(at, time, half, coarse, most_edges, one);
     for (Arrival& a : one) a.irradiance *= 1 / float(maps.size());
     result.insert(result.end(), one.begin(), one.end());
   }

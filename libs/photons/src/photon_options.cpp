@@ -82,6 +82,9 @@ std::vector<ParamSpec> PhotonOptions::disc_params(bool over_time) {
   }
   specs.push_back(
       {"radius", 0.0, "radius in metres of the discs that photons light; 0: 1.25 % of the scene's", 0, 1e6});
+  specs.push_back({"nearest", 0,
+                   "photons that light is estimated from, those nearest to a point within the radius; 0: all within it",
+                   0, 1e6});
   if (over_time) {
     specs.push_back({"between", 2,
                      "instants at which photons are traced beside the opening and the closing of the shutter", 0,
@@ -94,6 +97,7 @@ PhotonOptions::PhotonOptions(const Params& p)
     : photons(p.get_int("photons")), kernel(chosen<SpatialKernel>(p, "kernel")), discs(knows(p, "radius")) {
   if (discs) {
     radius = p.get_double("radius");
+    nearest = p.get_int("nearest");
     temporal = false;
     if (knows(p, "between")) between = p.get_int("between");
   } else {

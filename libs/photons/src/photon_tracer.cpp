@@ -211,6 +211,11 @@ double PhotonTracer::least_radius(const Vec3d& p) const {
   return std::clamp(r, 1e-3 * kLeastRadius * diameter_, 10 * kLeastRadius * diameter_);
 }
 
+double PhotonTracer::disc_radius() const {
+  if (!options_.discs) return 0;
+  return options_.radius > 0 ? options_.radius : kDiscRadius * 0.5 * diameter_;
+}
+
 /// Divides the photons among the lights and their parts by the light that goes there.
 void PhotonTracer::plan() {
   const std::uint32_t count = LightAim::light_count(context_.lights);
@@ -347,8 +352,7 @@ void PhotonTracer::store(const Branch& b, const SurfaceFrame& f, const SurfacePo
     clamped = true;
   }
   if (options_.discs) {
-    const double r = options_.radius > 0 ? options_.radius : kDiscRadius * 0.5 * diameter_;
-    axes = footprint_axes({}, n, r, r);
+    axes = footprint_axes({}, n, disc_radius(), disc_radius());
     slip = {};
     rate = 0;
   }

@@ -318,6 +318,8 @@ TEST(Photons, OfPlainMapsHoldTheSameLight) {
   const double expected = caustics("temporal_photon", ",photons=50000");
   EXPECT_NEAR(caustics("photon", ",photons=50000,radius=0.05") / expected, 1, 0.05);
   EXPECT_NEAR(caustics("time_photon", ",photons=50000,radius=0.05,between=6") / expected, 1, 0.03);
+  EXPECT_NEAR(caustics("photon", ",photons=50000,radius=0.1,nearest=60") / expected, 1, 0.05);
+  EXPECT_NEAR(caustics("time_photon", ",photons=50000,radius=0.1,nearest=60,between=6") / expected, 1, 0.03);
 }
 
 TEST(Photons, ChoiceOfLightsLeavesTheOthersToPaths) {

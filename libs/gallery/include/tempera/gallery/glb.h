@@ -65,6 +65,8 @@ class Glb {
   int skin(std::span<const int> joints, std::span<const Affine3d> inverse_bind);
   /// Perspective camera that looks along its node's -z; the angle is the full vertical one.
   int camera(const std::string& name, double fov_y_degrees, double aspect);
+  /// Orthographic camera whose picture is so wide and high, in metres.
+  int camera(const std::string& name, const Vec2d& size);
   /// Directional light along its node's -z; irradiance in W/m^2 on a surface that faces it.
   int directional_light(const std::string& name, const Rgb& irradiance);
 

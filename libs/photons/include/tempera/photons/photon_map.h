@@ -7,6 +7,7 @@
 
 #include "tempera/accel/box_index.h"
 #include "tempera/photons/photon_tracer.h"
+#include "tempera/photons/point_index.h"
 #include "tempera/transport/path_tracer.h"
 
 namespace tempera {
@@ -25,6 +26,15 @@ class PhotonMap {
   void gather(const Vertex& at, double t, int half, bool coarse, int most_edges,
               std::vector<GatheredLight::Arrival>& out) const;
 
+  /// The same from the photons on the disc around the vertex that holds those nearest to it.
+  void gather_disc(const Vertex& at, int half, int most_edges, float radius_squared,
+                   std::vector<GatheredLight::Arrival>& out) const;
+  /// Adds how far photons that gather may take are from a vertex.
+  void find_nearest(const Vertex& at, int half, int most_edges, NearestDistance& found) const;
+  /// How many of the nearest photons light is estimated from; 0: from all whose footprints cover a point.
+  int nearest() const { return nearest_; }
+  float largest_radius() const { return radius_; }
+
   /// Those that it was made of, in another order: a map made of these has the same bits.
   const std::vector<Photon>& photons() const { return sets_[0].photons; }
   /// Which lights emit photons, by the indices of LightSample::light.
@@ -37,12 +47,18 @@ class PhotonMap {
   struct Set {
     std::vector<Photon> photons;
     std::array<std::uint32_t, 2> first_of_half{};
-    std::vector<BoxIndex> index;  // by half
+    std::vector<BoxIndex> index;     // by half
+    std::vector<PointIndex> points;  // in place of it, where the nearest photons are looked for
   };
   Set make_set(std::vector<Photon> photons) const;
+  struct Place;
+  Place place_of(const Vertex& at) const;
+  bool counts(const Photon& p, const Place& at, int most_edges) const;
   std::array<Set, 2> sets_;                                    // fine, coarse
   std::vector<std::vector<LightPathClassifier::State>> ends_;  // by suffix
   KernelSettings kernel_;
+  int nearest_;
+  float radius_;
   double instant_;
   bool always_instant_, halves_;
   std::vector<char> moves_;

@@ -29,7 +29,8 @@ struct PhotonOptions {
   PhotonInstant instant = PhotonInstant::kMiddle;
   PhotonGauge gauge = PhotonGauge::kMatter;
   bool discs = false;  ///< footprints are discs of one radius: plain photon mapping
-  double radius = 0;   ///< of discs, m; 0: 1.25 % of the radius of the scene
+  double radius = 0;   ///< of discs, m, or their largest one; 0: 1.25 % of the radius of the scene
+  int nearest = 0;     ///< photons on the disc around a point that its light is estimated from; 0: discs of one radius
   int between =
       -1;  ///< discs are traced when the shutter opens, closes and so many times between; -1: at the instant alone
   int passes = 1;        ///< each emits `photons`, and has smaller footprints than the one before

@@ -51,6 +51,10 @@ class PhotonTracer {
   TimeSpan exposure() const { return exposure_; }
   /// When the shutter is open since the instant, and how footprints are spread.
   const KernelSettings& kernel() const { return kernel_; }
+  /// Of discs, m; 0: footprints are ellipses.
+  double disc_radius() const;
+  /// As PhotonOptions::nearest.
+  int nearest() const { return options_.nearest; }
   /// How many there are: those asked for, but for rounding, and at least two for each part of the light of each lamp.
   std::int64_t photons() const { return photons_; }
   /// By instance: whether any of it moves within the exposure.
