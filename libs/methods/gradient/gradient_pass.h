@@ -37,8 +37,7 @@ std::vector<LayerDesc> gradient_outputs(const GradientOptions& options, const Re
 std::vector<LayerDesc> gradient_work_layers(const GradientOptions& options, const RenderSettings& settings,
                                             const std::string& prefix);
 /// Names of the layers that a pass can write beside those of a film. `estimates`: as rare_layers has it.
-std::vector<std::string> gradient_layer_names(const GradientOptions& options, const std::string& prefix,
-                                              int estimates);
+std::vector<std::string> gradient_layer_names(const GradientOptions& options, const std::string& prefix, int estimates);
 
 /// The samples of a tile, and what paths shifted to the neighbouring pixels say of the differences. Estimates from the
 /// two sides of a difference are weighted as if both pixels had equally many samples, whatever they have: so the
@@ -80,9 +79,9 @@ class GradientTile {
   const GatheredLight* gathered_;
   TileFilm film_;
   std::vector<Pixel> pixels_;
-  std::vector<RarePixel> rare_;  ///< empty if not asked for
-  std::size_t class_count_ = 0;  ///< whose differences are gathered, paths of no class included
-  std::vector<Rgb> class_sums_;  ///< contributions to the four differences of a pixel, by class
+  std::vector<RarePixel> rare_;   ///< empty if not asked for
+  std::size_t class_count_ = 0;   ///< whose differences are gathered, paths of no class included
+  std::vector<Rgb> class_sums_;   ///< contributions to the four differences of a pixel, by class
   std::vector<Rgb> class_apart_;  ///< what stays out of these, by class; empty without gathered light
   bool two_estimates_;
 };

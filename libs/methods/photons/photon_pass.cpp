@@ -98,8 +98,8 @@ void PhotonPass::make_tracers(const SceneWindow& window, PhotonState& state) con
   for (std::size_t i = 0; i < pieces.size(); ++i) {
     const auto sets = int(options_.instants_of(pieces[i].span, state.row_, whole).size());
     for (int set = 0; set < sets; ++set) {
-      state.tracers_.emplace_back(*pieces[i].context, options_, pieces[i].span, set, options_.photons_for(window.settings()) / sets,
-                                  max_depth_, state.row_, whole);
+      state.tracers_.emplace_back(*pieces[i].context, options_, pieces[i].span, set,
+                                  options_.photons_for(window.settings()) / sets, max_depth_, state.row_, whole);
       state.piece_of_.push_back(i);
       casters |= state.tracers_.back().has_casters();
     }

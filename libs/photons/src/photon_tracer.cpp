@@ -216,13 +216,31 @@ double PhotonTracer::disc_radius() const {
   return options_.radius > 0 ? options_.radius : kDiscRadius * 0.5 * diameter_;
 }
 
+/// Of what starts as `e`: whether it meets a surface that focuses light.
+bool PhotonTracer::meets_caster(const AimedLight& e) const {
+  const Vec3f w(e.w);
+  const Vec3f from = length_squared(e.n) > 0 ? context_.rays.offset_origin(Vec3f(e.p), e.n, w) : Vec3f(e.p);
+  Hit hit;
+  if (!context_.rays.intersect({from, w, 0, kInfinity, instant_}, hit)) return false;
+  ShadingPoint at = context_.rays.shading_point(hit.point, instant_, -w);
+  at.bends = false;
+  Bsdf bsdf;
+  make_bsdf(*context_.rays.shape(hit.point).material, at, bsdf);
+  return focuses(bsdf, -w);
+}
+
+/// Photons that miss what they are aimed at light nothing, and footprints need not be as wide as if they did.
+double PhotonTracer::overlap_of(std::int64_t photons) const {
+  return options_.overlap_of(std::int64_t(met_ * double(photons)));
+}
+
 /// Divides the photons among the lights and their parts by the light that goes there.
 void PhotonTracer::plan() {
   const std::uint32_t count = LightAim::light_count(context_.lights);
   lamps_.resize(count);
   const auto pilots = std::uint32_t(std::clamp<std::size_t>(kPilots / (count * (casters_.size() + 1) + 1), 4, 64));
   std::vector<double> weights;
-  double towards_all = 0;
+  double towards_all = 0, aimed = 0, met = 0;
   for (std::uint32_t l = 0; l < count; ++l) {
     const bool emits = options_.lights.empty()
                            ? LightAim::is_concentrated(context_.lights, l)
@@ -242,7 +260,10 @@ void PhotonTracer::plan() {
                                   int(l), k, i);
         const LightNumbers u = stream.light();
         const auto e = lamp.aim->emit(k, alone, u.choice, u.position, u.direction);
-        if (e) power[k] += double(luminance(e->power)) / (e->pdf_position * e->pdf_direction * pilots);
+        if (!e) continue;
+        const double part = double(luminance(e->power)) / (e->pdf_position * e->pdf_direction * pilots);
+        power[k] += part;
+        if (k > 0) aimed += part, met += meets_caster(*e) ? part : 0;
       }
     }
     double towards = 0;
@@ -254,6 +275,7 @@ void PhotonTracer::plan() {
       towards_all += power[k];
     }
   }
+  if (met > 0) met_ = met / aimed;
   if (!(towards_all > 0)) {
     photons_ = 0;
     shares_.clear();
@@ -307,7 +329,7 @@ std::optional<PhotonTracer::Branch> PhotonTracer::start(const Share& share, std:
   if (i < few) b.coarse_scale = float(double(share.count) / double(few));
   b.beam.x = e->p, b.beam.w = e->w;
   // Cells of the light that one photon stands for, so large that `overlap` of them cover a point.
-  const double beta = std::sqrt(4 * options_.overlap_of(lamp.photons) * scale_ / kPiD);
+  const double beta = std::sqrt(4 * overlap_of(lamp.photons) * scale_ / kPiD);
   int column = 0;
   if (!e->delta_position) {
     const double size = beta / std::sqrt(n * e->pdf_position);
@@ -504,7 +526,7 @@ bool PhotonTracer::thin_out(float number, Branch& b) const {
   }
   // Weak light needs fewer footprints over a point for the same noise of the whole, but those that are left after
   // thinning out are fewer, and so wider.
-  const double overlap = options_.overlap_of(b.photons);
+  const double overlap = overlap_of(b.photons);
   const double covers = std::max(overlap * double(b.relative), std::min(kLeastOverlap, overlap));
   const double width = std::sqrt(covers / (overlap * double(b.thinning))), widening = width / b.width;
   b.width = width;
@@ -601,7 +623,7 @@ void PhotonTracer::trace(const Branch& first, const SampleStream& stream, int le
         if (bent.curvature > strongest.curvature && next.relative >= kLeastDivided && !options_.discs)
           strongest = bent, strong = true;
         if (!s.delta) {
-          const double beta = std::sqrt(4 * options_.overlap_of(b.photons) * scale_ / kPiD) * next.width;
+          const double beta = std::sqrt(4 * overlap_of(b.photons) * scale_ / kPiD) * next.width;
           widen(std::min(beta / std::sqrt(double(b.photons) * double(s.pdf)), kMostSpread), next.beam);
         }
       }

@@ -31,7 +31,8 @@ PhotonCounts trace_photons(const FrameContext& frame, const PhotonOptions& optio
     std::uint64_t rays = 0;
     for (std::int64_t k = 0; k < tracer.photons(); ++k) tracer.trace(k, photons, counts, rays);
     if (light)
-      light->add(i, PhotonMap(tracer, std::move(photons), piece.classifier, piece.rays, needs_instants(frame, exposure)));
+      light->add(i,
+                 PhotonMap(tracer, std::move(photons), piece.classifier, piece.rays, needs_instants(frame, exposure)));
   }
   return counts;
 }
@@ -48,7 +49,8 @@ double coverage(const FrameContext& frame, const PhotonOptions& options, const P
       for (int i = 0; i < kSamples; ++i) {
         const CameraSample camera = camera_sample(frame, x, y, i);
         NoObserver none;
-        const SampleResult r = trace_path(frame.at(camera.time), paths, camera, {}, Features::kNone, none, nullptr, &light);
+        const SampleResult r =
+            trace_path(frame.at(camera.time), paths, camera, {}, Features::kNone, none, nullptr, &light);
         all += luminance(r.radiance), caustics += luminance(r.gathered);
       }
       lit[y] += caustics > kNoticeable * all;
@@ -93,7 +95,8 @@ std::optional<PhotonSurvey> survey_photons(const Scene& scene, const Shot& shot)
   const PhotonOptions options(shot.params);
   PhotonSurvey survey;
   survey.casters = int(find_casters(made.context().rays, s.clock.exposure(frame)).size());
-  survey.counts = trace_photons(made.context(), options, options.photons_for(s), PathOptions(shot.params).max_depth, nullptr);
+  survey.counts =
+      trace_photons(made.context(), options, options.photons_for(s), PathOptions(shot.params).max_depth, nullptr);
   return survey;
 }
 

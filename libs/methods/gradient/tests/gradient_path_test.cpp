@@ -65,7 +65,8 @@ std::vector<Agreement> compare(const BoxShot& shot, int spp, int reference_spp,
     differences.push_back(prefix + "grad.x"), differences.push_back(prefix + "grad.y");
     colors.push_back(prefix + "color");
   }
-  const std::vector<Estimate> all_g = estimate(gradients, 0, differences), all_colors = estimate(reference, 99, colors, photons ? "photon.color" : nullptr);
+  const std::vector<Estimate> all_g = estimate(gradients, 0, differences),
+                              all_colors = estimate(reference, 99, colors, photons ? "photon.color" : nullptr);
   const int w = shot.settings.width, h = shot.settings.height;
   std::vector<Agreement> result(classes.size());
   for (std::size_t n = 0; n < classes.size(); ++n) {

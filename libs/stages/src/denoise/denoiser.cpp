@@ -128,7 +128,9 @@ Denoiser::Denoiser(StageRun& run, const Settings& settings, std::shared_ptr<Oidn
   const int samples = samples_of(metadata).value_or(kMany);
   if (recipe_ == Recipe::kAuto) {
     const bool by_class = oidn_ && !scattered.empty() && samples >= kSome && !available_.photons;
-    recipe_ = !available_.halves || samples <= kFew ? Recipe::kSingle : by_class ? Recipe::kComponents : Recipe::kHalves;
+    recipe_ = !available_.halves || samples <= kFew ? Recipe::kSingle
+              : by_class                            ? Recipe::kComponents
+                                                    : Recipe::kHalves;
   }
   few_ = samples <= kFew;
   thorough_ = samples >= kMany;

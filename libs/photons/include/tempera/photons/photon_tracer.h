@@ -91,11 +91,13 @@ class PhotonTracer {
   void store(const Branch& b, const SurfaceFrame& f, const SurfacePoint& point, std::vector<Photon>& out,
              PhotonCounts& counts) const;
   double least_radius(const Vec3d& p) const;
+  bool meets_caster(const AimedLight& e) const;
+  double overlap_of(std::int64_t photons) const;
 
   const FrameContext& context_;
   PhotonOptions options_;
   TimeSpan exposure_;
-  int set_;  ///< of all of all passes
+  int set_;       ///< of all of all passes
   double scale_;  ///< of the footprints' area
   double instant_;
   KernelSettings kernel_;
@@ -108,6 +110,7 @@ class PhotonTracer {
   std::vector<Share> shares_;
   std::vector<char> moves_;
   double diameter_ = 0;
+  double met_ = 1;  ///< part of what is aimed at casters that meets one
   Vec3d eye_;
   double pixel_size_ = 0, pixel_angle_ = 0;
 };

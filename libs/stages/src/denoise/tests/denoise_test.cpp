@@ -367,7 +367,8 @@ TEST_F(Denoise, LightOfPhotonsPassesAsItIs) {
     EXPECT_FALSE(a.has("photon.color"));
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
-        ASSERT_NEAR(a.layer("color").rgb(x, y).g, b.layer("color").rgb(x, y).g + photons(2, x, y), 2e-3f) << x << " " << y;
+        ASSERT_NEAR(a.layer("color").rgb(x, y).g, b.layer("color").rgb(x, y).g + photons(2, x, y), 2e-3f)
+            << x << " " << y;
       }
     }
   }
