@@ -93,6 +93,7 @@ struct RayScene::Impl {
   MovingTriangle moving_triangle(const PlacedShape& placed, std::uint32_t primitive, double t) const;
   /// Map of an instance at time t in double, and its derivative (per second).
   MovingAffine moving_world(std::uint32_t instance, double t) const;
+  MovingAffine moving_world(std::uint32_t instance, double t, PoseCache* poses) const;
   /// World positions of all vertices of a deforming mesh at a knot: in `storage` if not in memory anyway.
   const Vec3f* positions_at(const PlacedShape& placed, std::size_t knot, std::vector<Vec3f>& storage) const;
   Bounds3f swept_mesh(const PlacedShape& placed, TimeSpan span) const;

@@ -1,5 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Surfaces in double: their differentials, and where lines cross them.
+#include <array>
+#include <bit>
+
 #include "ray_scene_impl.h"
 
 namespace tempera {
@@ -34,7 +37,25 @@ constexpr double kRangeSlack = 1e-4, kSpaceSlack = 2e-6;
 
 }  // namespace
 
-MovingAffine RayScene::Impl::moving_world(std::uint32_t instance, double t) const {
+struct PoseCache::Impl {
+  struct Pose {
+    const void* rays = nullptr;  ///< null: empty
+    std::uint32_t instance = 0;
+    double time = 0;
+    MovingAffine world;
+  };
+  std::array<Pose, 64> poses;
+  Pose& place_of(std::uint32_t instance, double t) {
+    const std::uint64_t bits = (std::bit_cast<std::uint64_t>(t) + instance) * 0x9e3779b97f4a7c15u;
+    return poses[bits >> 58];
+  }
+};
+
+PoseCache::PoseCache() : impl_(std::make_unique<Impl>()) {}
+PoseCache::~PoseCache() = default;
+
+/// Never inlined: its products would be contracted with sums elsewhere, and a map that is kept would have other bits.
+[[gnu::noinline]] MovingAffine RayScene::Impl::moving_world(std::uint32_t instance, double t) const {
   const InstanceMotion& motion = motions[instance];
   constexpr Affine3d kNone{{0, 0, 0}, {0, 0, 0}, {0, 0, 0}};
   if (!motion.moves) return {Affine3d(motion.world), kNone};
@@ -43,6 +64,14 @@ MovingAffine RayScene::Impl::moving_world(std::uint32_t instance, double t) cons
   const double per_second = 1 / pieces.grid().step;
   for (Vec3d* v : {&m.rate.x, &m.rate.y, &m.rate.z, &m.rate.translation}) *v *= per_second;
   return m;
+}
+
+MovingAffine RayScene::Impl::moving_world(std::uint32_t instance, double t, PoseCache* poses) const {
+  if (!poses || !motions[instance].moves) return moving_world(instance, t);
+  PoseCache::Impl::Pose& pose = poses->impl_->place_of(instance, t);
+  if (pose.rays != this || pose.instance != instance || pose.time != t)
+    pose = {this, instance, t, moving_world(instance, t)};
+  return pose.world;
 }
 
 RayScene::Impl::MovingTriangle RayScene::Impl::moving_triangle(const PlacedShape& p, std::uint32_t primitive,
@@ -71,7 +100,7 @@ RayScene::Impl::MovingTriangle RayScene::Impl::moving_triangle(const PlacedShape
   return r;
 }
 
-SurfaceFrame RayScene::surface(const SurfacePoint& point, double u, double v, double t) const {
+SurfaceFrame RayScene::surface(const SurfacePoint& point, double u, double v, double t, PoseCache* poses) const {
   const Impl& s = *impl_;
   const PlacedShape& placed = s.find(point.instance, point.shape);
   SurfaceFrame r;
@@ -98,7 +127,7 @@ SurfaceFrame RayScene::surface(const SurfacePoint& point, double u, double v, do
     flip = placed.analytic.flip_normals;
   }
   if (placed.placement == Placement::kInstanced) {
-    const MovingAffine m = s.moving_world(point.instance, t);
+    const MovingAffine m = s.moving_world(point.instance, t, poses);
     r.dpdt = m.map.vector(r.dpdt) + m.rate.point(r.p);
     r.p = m.map.point(r.p);
     r.dpdu = m.map.vector(r.dpdu), r.dpdv = m.map.vector(r.dpdv);
@@ -115,11 +144,12 @@ SurfaceFrame RayScene::surface(const SurfacePoint& point, double u, double v, do
   return r;
 }
 
-std::optional<PrimitiveHit> RayScene::refine(const Hit& hit, const Vec3d& o, const Vec3d& d, double t) const {
+std::optional<PrimitiveHit> RayScene::refine(const Hit& hit, const Vec3d& o, const Vec3d& d, double t,
+                                             PoseCache* poses) const {
   const Impl& s = *impl_;
   const PlacedShape& placed = s.find(hit.point.instance, hit.point.shape);
   Affine3d map;
-  if (placed.placement == Placement::kInstanced) map = s.moving_world(hit.point.instance, t).map;
+  if (placed.placement == Placement::kInstanced) map = s.moving_world(hit.point.instance, t, poses).map;
   const auto magnitude = [](const Vec3d& v) { return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)}); };
   const auto slack = [&](const Vec3d& p, double per_metre) {
     return kRangeSlack + kSpaceSlack * (magnitude(o) + magnitude(p)) * per_metre;

@@ -156,6 +156,27 @@ TEST(SurfaceFrame, DerivativesAreThoseOfItsOwnPointsAndNormals) {
   }
 }
 
+// More places than a cache holds, of two scenes in turn: resampled in other steps, they move in other ways.
+TEST(SurfaceFrame, IsTheSameWithCachedPlaces) {
+  for (const Case& c : cases()) {
+    SCOPED_TRACE(c.name);
+    GeometryCache first, second;
+    PoseCache poses;
+    const RayScene early(c.scene, {0.25, 0.5}, kSecond, {.motion_step = kStep}, first),
+        late(c.scene, {0.5, 0.75}, kSecond, {.motion_step = 2 * kStep}, second);
+    for (std::uint64_t i = 0; i < 400; ++i) {
+      const SurfacePoint point = random_point(c.scene, i % 7);
+      const double t = double(i / 4 % 90) / 90;
+      const RayScene& rays = i % 2 ? early : late;
+      const SurfaceFrame f = rays.surface(point, point.u, point.v, t);
+      const SurfaceFrame cached = rays.surface(point, point.u, point.v, t, &poses);
+      for (const auto of : {&SurfaceFrame::p, &SurfaceFrame::ng, &SurfaceFrame::n, &SurfaceFrame::dpdu,
+                            &SurfaceFrame::dpdv, &SurfaceFrame::dpdt, &SurfaceFrame::dndt})
+        EXPECT_EQ(f.*of, cached.*of) << t;
+    }
+  }
+}
+
 TEST(SurfaceFrame, IsWhatShadingSees) {
   for (const Case& c : cases()) {
     SCOPED_TRACE(c.name);

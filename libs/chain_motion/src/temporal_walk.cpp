@@ -8,8 +8,10 @@ namespace tempera {
 namespace {
 
 // What does not converge soon is better tried over a shorter time: half of the steps for glass of four sides.
-constexpr StepLimits kSoon{.steps = 10, .least = 1.0 / 16};
-constexpr double kLeastTime = 1.0 / 64;  // of a step, as a part of the way
+constexpr StepLimits kSoon{.steps = 10, .least = 1.0 / 8};
+// Of a step, as a part of the way. Where the prediction misses the surfaces a shorter one may still meet them, as at the rim
+// of a ball. Where the corrector does not get to the end, two images most often meet, and no shorter one leads on.
+constexpr double kLeastPredicted = 1.0 / 64, kLeastCorrected = 1.0 / 8;
 
 /// First-order motion of the first bend of a chain at its time.
 struct Prediction {
@@ -52,14 +54,16 @@ WalkState walk_in_time(const ChainMatter& matter, const ChainEnds& ends, double 
     if (prediction.singular) return WalkState::kSingular;
     WalkState why = WalkState::kStuck;
     bool halved = false;
+    double least = kLeastPredicted;
     for (;; dt /= 2, halved = true) {
-      if (std::abs(dt) < kLeastTime * std::abs(whole)) return why;
+      if (std::abs(dt) < least * std::abs(whole)) return why;
       if (counts && counts->spent()) return WalkState::kStuck;
       if (counts) ++counts->temporal;
       const double t = dt == to - chain.time ? to : chain.time + dt;
       const ChainEnd first = ends.first(t), last = ends.last(t);
       const Vec3d normal = ends.last_normal(t);
       auto next = retrace_chain(matter, chain, first, prediction.at(matter, chain, last, t), last, normal, t, why);
+      least = next ? kLeastCorrected : kLeastPredicted;
       if (!next) continue;
       why = walk_in_space(matter, last, normal, tolerance, *next, counts, kSoon);
       if (why != WalkState::kDone) continue;

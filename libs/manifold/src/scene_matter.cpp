@@ -69,12 +69,12 @@ std::optional<ChainMatter::Crossing> SceneMatter::meet(const Vec3d& o, const Vec
   const Vec3d near = o + d * start;  // to what is met: parallel rays may come from afar
   auto hit = find_hit(rays, near, ray, from);
   if (!hit) return std::nullopt;
-  auto at = rays.refine(*hit, near, d, t);
+  auto at = rays.refine(*hit, near, d, t, &poses_);
   if (!at) {
     // Rays start off surfaces, beside the line, and may meet a neighbour of what it crosses: again, from just before that.
     const double before = hit->t * (1 - kBefore);
     hit = find_hit(rays, near, {Vec3f(near + d * before), ray.d, 0, kInfinity, t}, from);
-    if (hit) at = rays.refine(*hit, near, d, t);
+    if (hit) at = rays.refine(*hit, near, d, t, &poses_);
     if (!at) return std::nullopt;
   }
   Crossing crossing{hit->point, at->u, at->v};

@@ -501,7 +501,7 @@ class JobRender {
     m[kFingerprintKey] = fingerprint(q_.shot, q_.scene, frame);
     const RenderSettings& s = q_.shot.settings;
     std::vector<ClassInfo> classes;
-    for (const PathClass& c : s.classes) classes.push_back({c.name, c.expression, chains_of_class(c)});
+    for (const PathClass& c : s.classes) classes.push_back({c.name, c.expression, chains_of_class(c, s.layers)});
     set_classes(m, classes);
     if (const double aspect = q_.scene.cameras[s.camera].pixel_aspect; aspect != 1) m[kPixelAspectKey] = aspect;
     if (s.crop_width > 0) {  // layers of pixel indices count in the full picture

@@ -5,6 +5,7 @@
 #include <span>
 
 #include "tempera/frames/layers.h"
+#include "tempera/frames/metadata.h"
 
 namespace tempera {
 
@@ -17,6 +18,11 @@ inline bool is_class_color(const LayerDesc& d) {
 inline bool is_decomposed(std::span<const LayerDesc> all) {
   const std::string rest = layers::class_layer("residual", layers::color()).name;
   return std::any_of(all.begin(), all.end(), [&](const LayerDesc& d) { return d.name == rest; });
+}
+
+/// Whether the light of a class is that of lamps which are seen directly.
+inline bool is_emission(const ClassInfo& c) {
+  return c.chains.empty() && c.expression.starts_with("E") && c.expression.size() <= 2;
 }
 
 }  // namespace tempera

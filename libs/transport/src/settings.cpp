@@ -15,21 +15,30 @@ const std::vector<PathClass>& default_decomposition() {
   return parts;
 }
 
-std::vector<std::string> chains_of_class(const PathClass& path_class) {
+std::vector<std::string> chains_of_class(const PathClass& path_class, std::span<const std::string> layers) {
   const LightPathClassifier classifier({path_class.expression});
   std::vector<std::pair<std::string, LightPathClassifier::State>> prefixes{{"", classifier.start()}};
   std::vector<std::string> chains;
   for (std::size_t i = 0; i < prefixes.size(); ++i) {
     const auto [letters, state] = prefixes[i];
-    if (classifier.alive(classifier.next(state, Event::kDiffuse))) chains.push_back(letters + "D");
-    if (letters.size() == std::size_t(layers::kMaxChain)) continue;
+    if (classifier.alive(classifier.next(state, Event::kDiffuse))) {
+      chains.push_back(letters + "D");
+    } else if (!letters.empty() && classifier.classes(state)) {
+      chains.push_back(letters + "L");
+    }
+    if (letters.size() == std::size_t(tempera::layers::kMaxChain)) continue;
     for (const auto& [letter, event] : {std::pair{"R", Event::kReflection}, {"T", Event::kTransmission}}) {
       const auto next = classifier.next(state, event);
       if (classifier.alive(next)) prefixes.push_back({letters + letter, next});
     }
   }
   constexpr std::size_t kMost = 16, kFew = 3;
-  if (chains.size() > kMost) std::erase_if(chains, [](const std::string& c) { return c.size() > kFew + 1; });
+  if (chains.size() <= kMost) return chains;
+  std::erase_if(chains, [&](const std::string& chain) {
+    const std::string prefix = "chain." + chain.substr(0, chain.size() - 1) + "D.";
+    return chain.size() > kFew + 1 &&
+           std::none_of(layers.begin(), layers.end(), [&](const std::string& l) { return l.starts_with(prefix); });
+  });
   return chains;
 }
 

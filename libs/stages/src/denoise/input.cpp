@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "decomposition.h"
+
 namespace tempera::denoise {
 
 namespace {
@@ -23,7 +25,7 @@ std::vector<ClassView> class_views(const Available& available, const Metadata& m
         if (std::find(available.chains.begin(), available.chains.end(), chain) != available.chains.end())
           view.chains.push_back(chain);
       }
-      view.emission = found->chains.empty() && found->expression.starts_with("E") && found->expression.size() <= 2;
+      view.emission = is_emission(*found);
     }
     // Without features of its own, light that the first surface scatters goes by that surface.
     const bool first_scatters = found == known.end() || found->chains == std::vector<std::string>{"D"};

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "decomposition.h"
 
@@ -17,10 +18,11 @@ bool has(std::span<const LayerDesc> layers, const std::string& name) {
 std::string chain_prefix(const std::string& chain) { return "chain." + chain + "."; }
 
 #ifdef TEMPERA_PATH_SPACE_MOTION
-/// Those of `chains` that have vectors.
+/// Those of `chains` that have vectors, by the letters of their layers.
 std::vector<std::string> moving_chains(const std::vector<std::string>& chains, std::span<const LayerDesc> layers) {
   std::vector<std::string> out;
-  for (const std::string& chain : chains) {
+  for (std::string chain : chains) {
+    if (chain.ends_with('L')) chain.back() = 'D';
     const std::string prefix = chain_prefix(chain);
     if (has(layers, prefix + layers::motion_forward().name) && has(layers, prefix + layers::motion_backward().name))
       out.push_back(chain);
@@ -46,7 +48,9 @@ std::vector<Part> parts_of(std::span<const LayerDesc> layers, const Metadata& me
       part.divide = first_scatters;
 #ifdef TEMPERA_PATH_SPACE_MOTION
       if (!first_scatters) part.chains = moving_chains(info->chains, layers);
-      part.divide |= !part.chains.empty();
+      part.shines = !part.chains.empty() && std::all_of(info->chains.begin(), info->chains.end(),
+                                                        [](const std::string& c) { return c.ends_with('L'); });
+      part.divide |= !part.chains.empty() && !part.shines;
 #endif
     } else {
       part.divide = false;
@@ -60,7 +64,7 @@ std::vector<LayerDesc> chain_layers(std::span<const LayerDesc> layers) {
   std::vector<LayerDesc> out;
   for (const LayerDesc& d : layers) {
     if (d.chain.empty() && !d.name.starts_with("chain.")) continue;
-    for (const char* end : {".motion.forward", ".motion.backward", ".depth", ".object_id", ".albedo"}) {
+    for (const char* end : {".motion.forward", ".motion.backward", ".depth", ".object_id", ".albedo", ".emission"}) {
       if (d.name.ends_with(end)) out.push_back(d);
     }
     if (d.chain.empty() || d != layers::chain_layer(d.chain, layers::motion_forward())) continue;
@@ -75,18 +79,26 @@ std::vector<LayerDesc> chain_layers(std::span<const LayerDesc> layers) {
 Surfaces surfaces_of(const Frame& frame, int number, const Part& part) {
   if (part.chains.empty()) return read_surfaces(frame, number);
   Surfaces out = read_surfaces(frame, number, chain_prefix(part.chains[0]));
-  std::vector<float> most(out.linear.size(), 0.0f);
+  using Light = std::pair<float, float>;  // of the surface itself, and what it scatters, or 1
+  constexpr Light kNone{0.0f, 0.0f};
+  constexpr float kDark = 1e-6f;
+  std::vector<Light> most(out.linear.size(), kNone);
   for (std::size_t k = 0; k < part.chains.size(); ++k) {
     const std::string prefix = chain_prefix(part.chains[k]);
     const Surfaces of_chain = k == 0 ? out : read_surfaces(frame, number, prefix);
-    const Layer* albedo = frame.find(prefix + layers::albedo().name);
+    const Layer *albedo = frame.find(prefix + layers::albedo().name),
+                *emission = part.shines ? frame.find(prefix + layers::emission().name) : nullptr;
+    const auto sum = [](const Layer& layer, std::size_t i) {
+      const float* v = layer.image.values().data() + i * std::size_t(layer.image.channels());
+      return std::max(sound(v[0]) + sound(v[1]) + sound(v[2]), 0.0f);
+    };
     for (std::size_t i = 0; i < most.size(); ++i) {
-      // Where there is nothing of the chain its depth is 0, and no light comes from it.
-      float light = of_chain.depth.empty() || of_chain.depth[i] < kFar ? 1.0f : 0.0f;
-      if (albedo && albedo->image.channels() >= 3) {
-        const float* v = albedo->image.values().data() + i * std::size_t(albedo->image.channels());
-        light = std::max(v[0] + v[1] + v[2], 0.0f);
-      }
+      // Where there is nothing of the chain its depth is 0, and no light comes from it. The background has vectors alone.
+      const bool there = of_chain.depth.empty() || of_chain.depth[i] < kFar || (part.shines && of_chain.vectors[i]);
+      Light light{0.0f, there ? 1.0f : 0.0f};
+      if (albedo && albedo->image.channels() >= 3)
+        light.second = std::max(sum(*albedo, i), part.shines && there ? kDark : 0.0f);
+      if (emission && emission->image.channels() >= 3) light.first = sum(*emission, i);
       if (!(light > most[i])) continue;
       most[i] = light;
       out.linear[i] = of_chain.linear[i], out.quadratic[i] = of_chain.quadratic[i],
@@ -96,7 +108,7 @@ Surfaces surfaces_of(const Frame& frame, int number, const Part& part) {
     }
   }
   for (std::size_t i = 0; i < most.size(); ++i) {
-    if (most[i] == 0) out.vectors[i] = kNothing;
+    if (most[i] == kNone) out.vectors[i] = kNothing;
   }
   return out;
 }

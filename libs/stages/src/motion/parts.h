@@ -14,6 +14,7 @@ namespace tempera::motion {
 struct Part {
   std::string color;                ///< layer: "color", or that of a class of light paths
   std::vector<std::string> chains;  ///< whose surfaces it is seen on; none: the first surface
+  bool shines = false;              ///< whether it comes from these surfaces themselves, which are lamps
   bool divide = true;               ///< whether these scatter it, so that it can be divided by their reflectance
   bool add = true;                  ///< whether it is a summand of `color`
 };
@@ -28,7 +29,7 @@ std::vector<Part> parts_of(std::span<const LayerDesc> layers, const Metadata& me
 std::vector<LayerDesc> chain_layers(std::span<const LayerDesc> layers);
 
 /// As read_surfaces, of the surfaces that a part is seen on: of several chains, the one that most light comes from. Where
-/// there is none, `vectors` is kNothing.
+/// there is none, `vectors` is kNothing. Of light of lamps, the surfaces that are dark are seen, too: they hide lamps.
 Surfaces surfaces_of(const Frame& frame, int number, const Part& part);
 
 /// Reflectance that reaches the camera, [h,w,3]; of one where nothing says what it is, or the part is not divided.

@@ -71,7 +71,7 @@ class Upsample final : public FrameStage {
   }
   std::vector<LayerUse> reads(int port, std::span<const SequenceDesc> in) const override {
     if (port == kFrames) {
-      std::vector<LayerUse> uses{{layers::color(), true, "there is nothing to enlarge"}};
+      std::vector<LayerUse> uses{{layers::color(), true, "there is nothing to enlarge"}, {layers::emission(), false}};
       for (const LayerDesc& d : in[kFrames].layers) {
         if (is_class_color(d) && is_decomposed(in[kFrames].layers)) uses.push_back({d, true, "other frames have it"});
       }
@@ -81,6 +81,7 @@ class Upsample final : public FrameStage {
     for (const char* chain : layers::kCommonChains)
       uses.push_back({layers::chain_layer(chain, layers::albedo()), false});
     for (const LayerDesc& d : in[kFrames].layers) {
+      if (is_class_color(d) && is_decomposed(in[kFrames].layers)) uses.push_back({d, false});
       if (!survives(d)) continue;
       const auto named = [&](const LayerUse& use) { return use.layer.name == d.name; };
       const auto it = std::find_if(uses.begin(), uses.end(), named);
@@ -112,21 +113,30 @@ class Upsample final : public FrameStage {
     }
     Image& result = out.add(small.desc("color"), Image(large.width(), large.height(), color.channels()));
     Image& mask = out.create(layers::mask());
+    const Lamps lamps = lamps_of(small, large);
     if (!is_decomposed(in.in()[kFrames].layers)) {
-      put(enlarge(color, color, guides_of(large, {})), result, mask);
+      Image all = enlarge(color, color, guides_of(large, {}), lamps);
+      put_background(large, layers::color().name, all);
+      put(all, result, mask);
+      if (!lamps.large.empty()) mark_edges(lamps.large, result, mask);
       return;
     }
     // Each class follows what it is seen on. [Zimmer 2015, Sec. 5.2]
     const std::vector<ClassInfo> known = classes(small.metadata);
     std::vector<Image> parts;
     std::vector<LayerDesc> descs;
+    bool lamps_apart = false;
     for (const Layer& l : small.layers()) {
       if (!is_class_color(l.desc)) continue;
       expect(l.desc.name.c_str(), l.image);
       const auto info =
           std::find_if(known.begin(), known.end(), [&](const ClassInfo& c) { return c.name == l.desc.path_class; });
-      const std::vector<std::string> chains = info == known.end() ? std::vector<std::string>{} : info->chains;
-      parts.push_back(enlarge(l.image, color, guides_of(large, chains)));
+      std::vector<std::string> chains = info == known.end() ? std::vector<std::string>{} : info->chains;
+      std::erase_if(chains, [](const std::string& chain) { return chain.ends_with('L'); });
+      const bool shines = info != known.end() && is_emission(*info);
+      parts.push_back(enlarge(l.image, color, guides_of(large, chains), shines ? lamps : Lamps()));
+      put_background(large, l.desc.name, parts.back());
+      lamps_apart |= shines && !lamps.large.empty();
       descs.push_back(l.desc);
     }
     Image sum = parts[0];
@@ -136,6 +146,7 @@ class Upsample final : public FrameStage {
       }
     }
     put(sum, result, mask);
+    if (lamps_apart) mark_edges(lamps.large, result, mask);
     for (std::size_t k = 0; k < parts.size(); ++k) {
       Image& part = out.add(descs[k], Image(large.width(), large.height(), 3));
       parallel_rows(0, part.height(), [&](int y) {
@@ -153,7 +164,9 @@ class Upsample final : public FrameStage {
 
  private:
   static constexpr float kTolerance = 1e-6f;
-  static constexpr float kUnseen = 0.005f;  ///< of all light
+  static constexpr float kUnseen = 0.005f;   ///< of all light
+  static constexpr float kWhole = 0.99f;     ///< of the brightest lamp around: what a lamp covers as a whole
+  static constexpr float kOutshines = 0.5f;  ///< of all light
 
   static bool survives(const LayerDesc& d) {
     return d.pass.empty() && d.path_class.empty() && d.role != LayerRole::kStatistic &&
@@ -174,8 +187,60 @@ class Upsample final : public FrameStage {
     });
   }
 
+  /// Light of lamps that are seen, at both sizes, [h,w,3] each, as their own samples have it; empty where nothing says what
+  /// it is.
+  struct Lamps {
+    Image small, large;
+  };
+  static Lamps lamps_of(const Frame& small, const Frame& large) {
+    Lamps out;
+    for (const auto& [from, to] : {std::pair{&small, &out.small}, {&large, &out.large}}) {
+      const Layer* layer = from->find(layers::emission().name);
+      if (!layer || layer->image.channels() < 3) return {};
+      *to = Image(from->width(), from->height(), 3);
+      parallel_rows(0, to->height(), [&](int y) {
+        for (int x = 0; x < to->width(); ++x) {
+          for (int c = 0; c < 3; ++c) to->at(x, y, c) = sound(layer->image.at(x, y, c));
+        }
+      });
+    }
+    return out;
+  }
+  /// Where nothing but the background is seen, the guide's own light has no noise: it takes the place of `out`.
+  static void put_background(const Frame& large, const std::string& name, Image& out) {
+    const Layer *color = large.find(layers::color().name), *own = large.find(name);
+    if (!own || own->image.channels() < 3 || color->image.channels() < 4) return;
+    parallel_rows(0, out.height(), [&](int y) {
+      for (int x = 0; x < out.width(); ++x) {
+        if (color->image.at(x, y, 3) > 0) continue;
+        for (int c = 0; c < 3; ++c) out.at(x, y, c) = sound(own->image.at(x, y, c));
+        out.at(x, y, 3) = 0;
+      }
+    });
+  }
+  /// Marks pixels that lamps cover in part: by how much few samples do not say, for what outshines its surroundings.
+  /// `light`: all light.
+  static void mark_edges(const Image& lamps, const Image& light, Image& mask) {
+    parallel_rows(0, lamps.height(), [&](int y) {
+      for (int x = 0; x < lamps.width(); ++x) {
+        const float own = luminance(lamps.rgb(x, y));
+        if (!(own > 0)) continue;
+        float least = own, most = own;
+        for (int py = std::max(0, y - 1); py <= std::min(lamps.height() - 1, y + 1); ++py) {
+          for (int px = std::max(0, x - 1); px <= std::min(lamps.width() - 1, x + 1); ++px) {
+            const float v = luminance(lamps.rgb(px, py));
+            least = std::min(least, v), most = std::max(most, v);
+          }
+        }
+        if (own < kWhole * most && most - least > kOutshines * luminance(light.rgb(x, y))) mask.at(x, y) = 1;
+      }
+    });
+  }
+
   /// Colors of `small` and the fourth channel of `alpha` (1 if it has none) at the size of the guides: [2h,2w,kLights].
-  static Image enlarge(const Image& small, const Image& alpha, const Image& guides) {
+  /// DEVIATION [Zimmer 2015, Sec. 5.2]: `lamps` are taken out first and put in afterwards, as no model of what surfaces
+  /// scatter follows the edges of what is many times as bright.
+  static Image enlarge(const Image& small, const Image& alpha, const Image& guides, const Lamps& lamps) {
     const int w = small.width(), h = small.height(), n = guides.channels();
     // Of the small frame: the mean over the pixels that one covers. Not rendered, so that both say the same.
     Image guide(w, h, n);
@@ -191,7 +256,8 @@ class Upsample final : public FrameStage {
     });
     const auto light = [&](int x, int y, int c) {
       const Image& from = c < 3 ? small : alpha;
-      return sound(c < from.channels() ? from.at(x, y, c) : 1.0f);
+      const float v = sound(c < from.channels() ? from.at(x, y, c) : 1.0f);
+      return c < 3 && !lamps.small.empty() ? v - lamps.small.at(x, y, c) : v;
     };
     Grid<Model> models(w, h);
     parallel_rows(0, h, [&](int y) {
@@ -227,6 +293,7 @@ class Upsample final : public FrameStage {
             out.at(x, y, c) += weight * sum;
           }
         }
+        for (int c = 0; c < 3 && !lamps.large.empty(); ++c) out.at(x, y, c) += lamps.large.at(x, y, c);
       }
     });
     return out;
@@ -377,13 +444,16 @@ const StageEntry upsample_entry{
               {"guides", "frames twice as wide and high, rendered with few samples, with the same layers", true}},
     .output_help = "frames of the size of the guides",
     .reads = {{{"color"}, "needed: the light; of the guides, alpha"},
+              {{"emission"},
+               "of both: lamps that are seen, which are taken out of the light and put in at the guides' size"},
               {{"albedo", "normal", "emission"},
                "of the guides: what light follows; without any of them it is only smoothed"},
               {{"chain.*"}, "`albedo` of what is seen in mirrors and through glass, in the place of `albedo`"},
               {{"*"}, "of the guides: every layer that the frames have"}},
     .writes = {{{"color"}, "light and alpha of the frames, at the guides' size"},
                {{"*"}, "every layer of the frames: those of the guides"},
-               {{"mask"}, "pixels that are better rendered: their light came out negative"}},
+               {{"mask"},
+                "pixels that are better rendered: their light came out negative, or a lamp covers them in part"}},
     .window = "the frame itself, and its guide",
     .gap_help = "each frame has a guide of its number",
     .examples = {"tempera upsample clean/ guides/ -o large/",

@@ -92,6 +92,21 @@ class GeometryCache {
   std::unique_ptr<Impl> impl_;
 };
 
+/// The last places of moving instances that were asked for, for those who ask about the same few times again and again:
+/// what it holds is what would be computed. The RayScenes that it is used with must outlive it. Threads: one thread each.
+class PoseCache {
+ public:
+  PoseCache();
+  ~PoseCache();
+  PoseCache(const PoseCache&) = delete;
+  PoseCache& operator=(const PoseCache&) = delete;
+
+ private:
+  friend class RayScene;
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
 /// Threads: const queries are re-entrant.
 class RayScene {
  public:
@@ -127,13 +142,14 @@ class RayScene {
   /// rays meet, with the derivatives of that very interpolation. At a knot they are those of the segment after it, at
   /// the last one those of the segment before. Normals and their derivatives are zero where no surface is left, and
   /// those of flat triangles by u and v always. Materials may bend n further, which this does not know.
-  SurfaceFrame surface(const SurfacePoint& point, double u, double v, double t) const;
+  SurfaceFrame surface(const SurfacePoint& point, double u, double v, double t, PoseCache* poses = nullptr) const;
   /// Where the line o + distance d crosses the primitive of `hit`, in double, for hits of a ray that is this one
   /// rounded to float: surface(hit.point, u, v, t).p lies on the line to double rounding. Of two crossings the one
   /// nearer to hit.t is taken. Empty where there is none: for lines in the plane of the primitive or past the curve of
   /// its shape, and for crossings outside of it by more than 1e-4 of the range of u or v plus 2e-6 of the coordinates
   /// of the ray's origin and of the point. Nothing is clamped: u and v may lie outside by that much.
-  std::optional<PrimitiveHit> refine(const Hit& hit, const Vec3d& o, const Vec3d& d, double t) const;
+  std::optional<PrimitiveHit> refine(const Hit& hit, const Vec3d& o, const Vec3d& d, double t,
+                                     PoseCache* poses = nullptr) const;
   /// World area of triangle `primitive` of a mesh shape at time t, with its unit geometric normal.
   float triangle_area(std::uint32_t instance, std::uint32_t shape, std::uint32_t primitive, double t) const;
   /// Map of an analytic shape from its unit space (scene/geometry.h) to the world at time t: one that can be inverted,

@@ -58,8 +58,10 @@ std::string stage_engine_key(std::string_view stage);  ///< "tempera/<stage>_eng
 /// A class of light paths whose layers a file has: what class.<name>.color is of, see docs/layers.md.
 struct ClassInfo {
   std::string name;
-  std::string expression;           ///< over the events of paths; tabs are spaces after reading
-  std::vector<std::string> chains;  ///< whose surfaces its light is seen on, see layers::chain_layer
+  std::string expression;  ///< over the events of paths; tabs are spaces after reading
+  /// Whose surfaces its light is seen on, see layers::chain_layer. "RL", with an L in the place of the D, is light of lamps
+  /// alone that mirrors show: they have the layers of "RD", and no reflectance that light could be divided by.
+  std::vector<std::string> chains;
   bool operator==(const ClassInfo&) const = default;
 };
 /// Sets the attribute "tempera/classes", a line for each class: its name, its expression and its chains, apart by tabs.

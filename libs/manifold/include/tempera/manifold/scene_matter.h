@@ -26,7 +26,7 @@ class SceneMatter final : public ChainMatter {
   /// What it meets as rays have it, in float; the distance is from `o`.
   std::optional<Hit> first_hit(const Vec3d& o, const Vec3d& d, double t, const ChainVertex* from) const;
   SurfaceFrame surface(const Crossing& at, double t) const override {
-    return rays_at_(t).surface(at.point, at.u, at.v, t);
+    return rays_at_(t).surface(at.point, at.u, at.v, t, &poses_);
   }
   /// Asks the material once for each shape and event: what it says elsewhere or later may differ where it has textures;
   /// find_bend knows. Empty for surfaces with perturbed normals, too.
@@ -60,6 +60,7 @@ class SceneMatter final : public ChainMatter {
   Ray ray_of(const RayScene& rays, const Vec3d& o, const Vec3d& d, double t, const ChainVertex* from,
              double& start) const;
   mutable std::vector<Known> known_;
+  mutable PoseCache poses_;
 };
 
 }  // namespace tempera

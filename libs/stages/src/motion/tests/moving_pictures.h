@@ -87,18 +87,19 @@ inline Frame frame_of(const std::vector<Card>& cards, int w, int h, float t, int
 }
 
 /// Frame `t` of a wall that stands still with a mirror in it, in which something moves by `velocity`: its light by classes
-/// of paths with the vectors of the chain RD. The mirror covers [10, w - 10) x [8, h - 8).
-inline Frame mirror_frame(int w, int h, float t, Vec2f velocity, bool with_vectors) {
+/// of paths with the vectors of the chain RD. The mirror covers [10, w - 10) x [8, h - 8). `shines`: what is seen there is a
+/// lamp, and scatters nothing.
+inline Frame mirror_frame(int w, int h, float t, Vec2f velocity, bool with_vectors, bool shines = false) {
   Frame f = frame_of({{.texture = waves}}, w, h, t);
   const Card shown{.velocity = velocity, .texture = [](float x, float y) { return waves(1.4f * y, 1.2f * x) * 1.5f; }};
   Image& color = f.layer("color");
   Image &direct = f.create(layers::class_layer("direct", layers::color())),
         &mirrored = f.create(layers::class_layer("reflection", layers::color()));
   f.create(layers::class_layer("residual", layers::color()));
-  const LayerDesc descs[] = {layers::motion_forward(), layers::motion_backward(), layers::depth(), layers::object_id(),
-                             layers::albedo()};
+  const LayerDesc descs[] = {layers::motion_forward(), layers::motion_backward(), layers::depth(),
+                             layers::object_id(),      layers::albedo(),          layers::emission()};
   for (const LayerDesc& d : descs) {
-    if (with_vectors || d.name == "albedo") f.create(layers::chain_layer("RD", d));
+    if (with_vectors || d.name == "albedo" || d.name == "emission") f.create(layers::chain_layer("RD", d));
   }
   for (int y = 0; y < h; ++y) {
     for (int x = 0; x < w; ++x) {
@@ -110,7 +111,7 @@ inline Frame mirror_frame(int w, int h, float t, Vec2f velocity, bool with_vecto
       Rgb c;
       seen({shown}, float(x) + 0.5f, float(y) + 0.5f, t, c);
       mirrored.set_rgb(x, y, c), color.set_rgb(x, y, c);
-      f.layer("chain.RD.albedo").set_rgb(x, y, Rgb(0.8f));
+      f.layer(shines ? "chain.RD.emission" : "chain.RD.albedo").set_rgb(x, y, shines ? c : Rgb(0.8f));
       if (!with_vectors) continue;
       const float to[4] = {velocity.x, velocity.y, 0, 1}, back[4] = {-velocity.x, -velocity.y, 0, 1};
       std::copy(to, to + 4, f.layer("chain.RD.motion.forward").pixel(x, y));
@@ -118,8 +119,9 @@ inline Frame mirror_frame(int w, int h, float t, Vec2f velocity, bool with_vecto
       f.layer("chain.RD.depth").at(x, y) = 20, f.layer("chain.RD.object_id").at(x, y) = 5;
     }
   }
-  const ClassInfo classes[] = {{"direct", "ED", {"D"}}, {"reflection", "ERD.*", {"RD"}}};
-  set_classes(f.metadata, classes);
+  const ClassInfo shown_class =
+      shines ? ClassInfo{"reflection", "ER", {"RL"}} : ClassInfo{"reflection", "ERD.*", {"RD"}};
+  set_classes(f.metadata, std::vector<ClassInfo>{{"direct", "ED", {"D"}}, shown_class});
   return f;
 }
 

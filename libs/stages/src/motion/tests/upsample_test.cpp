@@ -128,6 +128,60 @@ TEST_F(Upsample, LightThatVariesSlowlyOnATextureIsNear) {
   EXPECT_LT(mean_square(enlarged(small(truth), guides).layer("color"), truth), 2e-3);
 }
 
+// A disk a hundred times as bright as the texture before which it hangs.
+TEST_F(Upsample, LampsDoNotLeakOverTheirEdges) {
+  Frame guides = guide();
+  Image truth = guides.layer("color"), &emission = guides.create(layers::emission());
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const float share = std::clamp(8.5f - std::hypot(float(x) - 21.3f, float(y) - 15.8f), 0.0f, 1.0f);
+      const Rgb albedo = guides.layer("albedo").rgb(x, y) * (1 - share);
+      guides.layer("albedo").set_rgb(x, y, albedo), emission.set_rgb(x, y, Rgb(50 * share));
+      truth.set_rgb(x, y, albedo + Rgb(50 * share));
+    }
+  }
+  Frame in = small(truth);
+  const double without = mean_square(enlarged(in, guides).layer("color"), truth);
+  in.add(layers::emission(), halved(emission));
+  const Frame out = enlarged(in, guides);
+  EXPECT_LT(mean_square(out.layer("color"), truth), 1e-3);
+  EXPECT_LT(100 * mean_square(out.layer("color"), truth), without);
+  EXPECT_EQ(out.layer("emission"), emission);
+
+  // The same light as a class of its own.
+  Image direct(kWidth, kHeight, 3);
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) direct.set_rgb(x, y, truth.rgb(x, y) - emission.rgb(x, y));
+  }
+  in.add(layers::class_layer("emission", layers::color()), halved(emission));
+  in.add(layers::class_layer("direct", layers::color()), halved(direct));
+  in.add(layers::class_layer("residual", layers::color()), Image(kWidth / 2, kHeight / 2, 3));
+  set_classes(in.metadata, std::vector<ClassInfo>{{"emission", "E", {}}, {"direct", "ED.*", {"D"}}});
+  EXPECT_LT(mean_square(enlarged(in, guides).layer("color"), truth), 1e-3);
+}
+
+TEST_F(Upsample, NothingLeaksOverTheBackground) {
+  Frame guides = guide();
+  Image truth = guides.layer("color");
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const bool there = y < 19;
+      if (!there) guides.layer("albedo").set_rgb(x, y, Rgb(0.0f));
+      guides.layer("color").at(x, y, 3) = truth.at(x, y, 3) = there;
+      if (!there) guides.layer("color").set_rgb(x, y, Rgb(0.01f));
+      truth.set_rgb(x, y, there ? guides.layer("albedo").rgb(x, y) * float(y) : Rgb(0.01f));
+    }
+  }
+  const Frame out = enlarged(small(truth), guides);
+  for (int y = 19; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      ASSERT_EQ(out.layer("color").rgb(x, y), Rgb(0.01f)) << x << "," << y;
+      ASSERT_EQ(out.layer("color").at(x, y, 3), 0) << x << "," << y;
+      ASSERT_EQ(out.layer("mask").at(x, y), 0) << x << "," << y;
+    }
+  }
+}
+
 TEST_F(Upsample, WithoutGuidesItIsBilinear) {
   Frame guides = guide();
   guides.add(layers::albedo(), Image(kWidth, kHeight, 3, 0.5f));

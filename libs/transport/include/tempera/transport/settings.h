@@ -3,6 +3,7 @@
 // What is rendered, apart from the scene and a method's own parameters.
 #include <algorithm>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -23,9 +24,10 @@ struct PathClass {
 /// with caustics out of indirect light, and one letter for glass that is a sheet.
 const std::vector<PathClass>& default_decomposition();
 
-/// Chains (layers::chain_layer) whose surfaces the light of a class is seen on: "D" for light on what is seen directly, "TD"
-/// and "TTD" for what is seen through glass. Where there are more than 16, those of up to three specular events.
-std::vector<std::string> chains_of_class(const PathClass& path_class);
+/// Chains (layers::chain_layer) whose surfaces the light of a class is seen on, see ClassInfo: "D" for light on what is seen
+/// directly, "TD" and "TTD" for what is seen through glass, "RL" for lamps in mirrors. Where there are more than 16, those
+/// of up to three specular events, and those that have layers in `layers` (names).
+std::vector<std::string> chains_of_class(const PathClass& path_class, std::span<const std::string> layers = {});
 
 /// A setting that an integrator cannot do with. Loaders turn it into an error at the place of the setting.
 class SettingError : public Error {
