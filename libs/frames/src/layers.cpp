@@ -57,9 +57,7 @@ LayerDesc color_b() { return {"color.b", kRgb, units::kRadiance, Combine::kMean,
 LayerDesc color_variance() {
   return {"color.var", kRgb, units::kSquaredRadiance, Combine::kVariance, LayerRole::kStatistic};
 }
-LayerDesc photon_color() {
-  return {"photon.color", kRgb, units::kRadiance, Combine::kMean, LayerRole::kStatistic};
-}
+LayerDesc photon_color() { return {"photon.color", kRgb, units::kRadiance, Combine::kMean, LayerRole::kStatistic}; }
 LayerDesc photon_a() { return {"photon.color.a", kRgb, units::kRadiance, Combine::kMean, LayerRole::kStatistic}; }
 LayerDesc photon_b() { return {"photon.color.b", kRgb, units::kRadiance, Combine::kMean, LayerRole::kStatistic}; }
 LayerDesc color_common() { return {"color.common", kRgb, units::kRadiance, Combine::kMean, LayerRole::kPicture}; }
@@ -150,13 +148,39 @@ LayerDesc derived(const LayerDesc& base, std::string_view suffix) {
 }
 
 const std::vector<LayerDesc>& known() {
-  static const std::vector<LayerDesc> list{
-      color(),       color_a(),         color_b(),         color_variance(), albedo(),
-      normal(),      depth(),           position(),        object_id(),      uv(),
-      emission(),    motion_forward(),  motion_backward(), grad_x(),         grad_y(),
-      grad_t(),      grad_x_variance(), grad_y_variance(), source(),         samples(),
-      time(),        photon_color(),    photon_a(),        photon_b(),        color_common(),    color_rare(),      rare_color(),     rare_grad_x(),
-      rare_grad_y(), rare_a(),          rare_b(),          held_color(),     mask()};
+  static const std::vector<LayerDesc> list{color(),
+                                           color_a(),
+                                           color_b(),
+                                           color_variance(),
+                                           albedo(),
+                                           normal(),
+                                           depth(),
+                                           position(),
+                                           object_id(),
+                                           uv(),
+                                           emission(),
+                                           motion_forward(),
+                                           motion_backward(),
+                                           grad_x(),
+                                           grad_y(),
+                                           grad_t(),
+                                           grad_x_variance(),
+                                           grad_y_variance(),
+                                           source(),
+                                           samples(),
+                                           time(),
+                                           photon_color(),
+                                           photon_a(),
+                                           photon_b(),
+                                           color_common(),
+                                           color_rare(),
+                                           rare_color(),
+                                           rare_grad_x(),
+                                           rare_grad_y(),
+                                           rare_a(),
+                                           rare_b(),
+                                           held_color(),
+                                           mask()};
   return list;
 }
 

@@ -94,7 +94,8 @@ LayerDesc color();           ///< "color" R,G,B,A: radiance, and A the part of t
 LayerDesc color_a();         ///< "color.a" R,G,B: mean of the even samples, independent of color.b
 LayerDesc color_b();         ///< "color.b" R,G,B: mean of the odd samples
 LayerDesc color_variance();  ///< "color.var" R,G,B: variance of color, which is a mean, from these halves
-LayerDesc photon_color();    ///< "photon.color" R,G,B: the part of color that photons light, seen without a diffuse reflection
+LayerDesc
+photon_color();  ///< "photon.color" R,G,B: the part of color that photons light, seen without a diffuse reflection
 LayerDesc photon_a();        ///< "photon.color.a" R,G,B: the part of color.a
 LayerDesc photon_b();        ///< "photon.color.b" R,G,B: the part of color.b
 LayerDesc color_common();    ///< "color.common" R,G,B: of a reconstruction, without the light of rare paths

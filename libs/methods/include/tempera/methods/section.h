@@ -121,10 +121,10 @@ class Section {
   std::vector<Frame*> all_pictures_;
   std::vector<SplatTarget> splats_;
 
-  mutable std::mutex mutex_;                        // of what follows
-  mutable std::shared_mutex film_mutex_;            // shared by units that splat; exclusive: between two of them
-  std::vector<std::vector<char>> done_;             // by pass and unit
-  std::array<Kept, 2> kept_;  // by domain: by tile of all frames; by unit of the pass of paths that runs
+  mutable std::mutex mutex_;              // of what follows
+  mutable std::shared_mutex film_mutex_;  // shared by units that splat; exclusive: between two of them
+  std::vector<std::vector<char>> done_;   // by pass and unit
+  std::array<Kept, 2> kept_;              // by domain: by tile of all frames; by unit of the pass of paths that runs
   int ended_ = 0;
   Bytes state_;
   RenderTotals totals_;
