@@ -5,7 +5,6 @@
 
 #include <algorithm>
 
-#include "photons/photon_pass.h"
 #include "shift_observer.h"
 #include "tempera/core/parallel.h"
 #include "tempera/core/random.h"
@@ -410,6 +409,16 @@ void GradientBatches::end(const RenderSettings& settings, const GradientOptions&
   wanted_ = next_batch(options.adaptive, noise, w, h, plan_.later,
                        hash_key(settings.seed, std::uint64_t(frame), std::uint64_t(batch) + 1));
   if (!plan_.keep_first && batch == 0) std::fill(taken_.begin(), taken_.end(), 0);
+}
+
+void GradientState::save(ByteWriter& out) const {
+  batches.save(out);
+  photons.save(out);
+}
+
+void GradientState::load(ByteReader& in) {
+  batches.load(in);
+  photons.load(in);
 }
 
 void GradientBatches::save(ByteWriter& out) const {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "adaptive_sampling.h"
+#include "photons/photon_pass.h"
 #include "rare_light.h"
 #include "tempera/methods/method.h"
 #include "tempera/transport/path_tracer.h"
@@ -110,6 +111,16 @@ class GradientBatches {
  private:
   BatchPlan plan_;
   std::vector<int> taken_, wanted_;  ///< samples of each pixel: numbers used up; in the present batch
+};
+
+/// What the passes of a frame share.
+struct GradientState : SectionState {
+  GradientState(const RenderSettings& settings, const GradientOptions& options, int spp)
+      : batches(settings, options, spp) {}
+  void save(ByteWriter& out) const override;
+  void load(ByteReader& in) override;
+  GradientBatches batches;
+  PhotonState photons;
 };
 
 /// Method::replay: the radiance of a sample, or what it adds to a difference if that is not finite.

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Gradient-domain path tracing of single frames. [Kettunen 2015]
 #include "gradient_pass.h"
-#include "photons/photon_pass.h"
 #include "tempera/methods/method.h"
 #include "tempera/methods/motion_layers.h"
 #include "tempera/transport/tile_film.h"
@@ -9,21 +8,6 @@
 namespace tempera {
 
 namespace {
-
-struct GradientState final : SectionState {
-  GradientState(const RenderSettings& settings, const GradientOptions& options)
-      : batches(settings, options, settings.spp) {}
-  void save(ByteWriter& out) const override {
-    batches.save(out);
-    photons.save(out);
-  }
-  void load(ByteReader& in) override {
-    batches.load(in);
-    photons.load(in);
-  }
-  GradientBatches batches;
-  PhotonState photons;
-};
 
 class GradientPath final : public Method {
  public:
@@ -53,7 +37,7 @@ class GradientPath final : public Method {
     return photons_ ? photons_->passes(settings, result) : result;
   }
   std::unique_ptr<SectionState> begin(const SceneWindow& window) const override {
-    return std::make_unique<GradientState>(window.settings(), options_);
+    return std::make_unique<GradientState>(window.settings(), options_, window.settings().spp);
   }
   void begin_pass(const SceneWindow& window, SectionState* state, int pass,
                   std::span<const Image> /*reads*/) const override {

@@ -10,7 +10,6 @@
 #include <cmath>
 
 #include "gradient_pass.h"
-#include "photons/photon_pass.h"
 #include "tempera/methods/method.h"
 #include "tempera/methods/motion_layers.h"
 #include "tempera/transport/pixel_motion.h"
@@ -26,19 +25,9 @@ const std::string kOffset = "offset.";
 int base_samples(const RenderSettings& s) { return s.spp - s.spp / 2; }
 int offset_samples(const RenderSettings& s) { return s.spp / 2; }
 
-struct ReplayState final : SectionState {
+struct ReplayState final : GradientState {
   ReplayState(const RenderSettings& settings, const GradientOptions& options)
-      : base(settings, options, base_samples(settings)) {}
-  void save(ByteWriter& out) const override {
-    base.save(out);
-    photons.save(out);
-  }
-  void load(ByteReader& in) override {
-    base.load(in);
-    photons.load(in);
-  }
-  GradientBatches base;
-  PhotonState photons;
+      : GradientState(settings, options, base_samples(settings)) {}
   ReplayMap map;
   Image samples_before;  ///< of the base pass of the frame before; empty under uniform sampling
 };
@@ -115,7 +104,7 @@ class TemporalGradientPath final : public Method {
     const int batch = batch_of(pass);
     if (batch < 0) return photons_->begin(window, replay.photons, 0);
     if (photons_) photons_->begin_gather(window, replay.photons);
-    if (batch < replay.base.count()) return;
+    if (batch < replay.batches.count()) return;
     const int frame = window.section().first;
     replay.map = make_replay_map(window.middle_of_frame_before(frame), window.frame(frame));
     if (!reads.empty()) replay.samples_before = reads[0];
@@ -130,8 +119,8 @@ class TemporalGradientPath final : public Method {
       return;
     }
     const FrameContext& context = window.frame(unit.frame);
-    if (batch < replay.base.count()) {
-      replay.base.render(context, options_, replay.photons.light(), batch, unit.tile, out, counters, stop);
+    if (batch < replay.batches.count()) {
+      replay.batches.render(context, options_, replay.photons.light(), batch, unit.tile, out, counters, stop);
     } else if (render_offset(context, replay, unit.tile, out.picture(), counters, stop)) {
       write_motion_layers(window, unit, out);
     }
@@ -143,7 +132,7 @@ class TemporalGradientPath final : public Method {
       photons_->end(window, replay.photons, result);
       return;
     }
-    replay.base.end(window.settings(), options_, batch, window.section().first, *result.pictures[0]);
+    replay.batches.end(window.settings(), options_, batch, window.section().first, *result.pictures[0]);
   }
   void finish(Frame& out) const override {
     join_gradients("", out);

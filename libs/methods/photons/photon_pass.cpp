@@ -11,6 +11,7 @@ namespace tempera {
 
 namespace {
 constexpr std::int64_t kPhotonsOfUnit = 4096;
+constexpr int kMostRows = 10000;
 const std::string kPhotonsKey = "tempera/photons";
 constexpr std::uint64_t kMostMaps = std::uint64_t(1) << 20;  // instants of all pieces of an exposure
 
@@ -49,6 +50,7 @@ void PhotonState::save(ByteWriter& out) const {
 
 void PhotonState::load(ByteReader& in) {
   in.value(row_);
+  if (row_ < 0 || row_ > kMostRows) throw Error(ErrorCode::kBadInput, "photons of a pass that cannot be");
   const auto count = in.value<std::uint64_t>();
   if (count > kMostMaps) throw Error(ErrorCode::kBadInput, "photons of too many instants");
   photons_.resize(count);

@@ -69,6 +69,15 @@ struct BoxShot : TestShot {
     scene.bend_normals = true;
     return *this;
   }
+  /// A dim sky with one bright texel, whose light is concentrated enough for photons.
+  BoxShot& sky_with_a_sun() {
+    Environment e;
+    e.width = 32, e.height = 16;
+    e.image.assign(512, Rgb(0.1f));
+    e.image[4 * 32 + 9] = Rgb(200.0f);
+    scene.environments.push_back(e);
+    return *this;
+  }
   BoxShot& sky() {
     Environment e;
     e.radiance = Rgb{1, 1.2f, 1.5f};

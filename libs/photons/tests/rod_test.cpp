@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "lit_ground.h"
 #include "tempera/photons/photon_map.h"
 #include "tempera/shading/fresnel.h"
 #include "tempera/transport/frame_scene.h"
@@ -90,37 +91,13 @@ Mesh rod_mesh() {
 }
 
 Scene rod_scene() {
-  Scene scene;
   AnimatedTransform motion;
   motion.keyed = true;
   motion.translation = {Vec3d{0, 0, kLevel}};
   motion.rotation = {
       {-4, 4}, {axis_angle(Vec3d{0, 0, 1}, -4 * kTurn), axis_angle(Vec3d{0, 0, 1}, 4 * kTurn)}, Interpolation::kLinear};
-  scene.nodes.push_back({-1, motion, "rod", 1.0f});
-  scene.nodes.push_back(
-      {-1, AnimatedTransform(Affine3d(look_at(Vec3f{1, 0, 3}, Vec3f{1, 0, 0}, Vec3f{0, 1, 0}))), "light", 1.0f});
-  const auto add = [&](Mesh mesh, MaterialPtr material, int node) {
-    scene.shapes.push_back({std::move(mesh), std::move(material), std::nullopt, "", ""});
-    scene.groups.push_back({int(scene.shapes.size()) - 1});
-    scene.instances.push_back({int(scene.groups.size()) - 1, node, "shape", true});
-  };
-  DielectricParams glass;
-  glass.int_ior = float(kIndex), glass.ext_ior = 1;
-  add(rod_mesh(), make_dielectric(glass), 0);
-  Mesh ground = make_rectangle();
-  for (Vec3f& p : ground.positions) p *= 4.0f;
-  add(ground, make_diffuse(0.8f), -1);
-  PunctualLight light;
-  light.type = LightType::kDirectional;
-  light.intensity = Rgb(1.0f);
-  light.node = 1;
-  scene.lights.push_back(light);
-  Camera camera;  // whose pixels are as large as cells
-  camera.projection = Projection::kOrthographic;
-  camera.node = 1;
-  camera.width = float(kColumns * kCell);
-  scene.cameras.push_back(camera);
-  return scene;
+  // Pixels are as large as cells.
+  return test::lit_ground(rod_mesh(), kIndex, motion, 1, float(kColumns * kCell), 4);
 }
 
 /// Sum of |E - reference| over that of the reference: irradiance on the ground over one frame by 5000 photons that

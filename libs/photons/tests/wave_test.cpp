@@ -5,6 +5,7 @@
 
 #include <cmath>
 
+#include "lit_ground.h"
 #include "tempera/photons/photon_map.h"
 #include "tempera/shading/fresnel.h"
 #include "tempera/transport/frame_scene.h"
@@ -67,34 +68,10 @@ struct Result {
 /// The error of irradiance on the ground by photons; `photons`: in the paper's square.
 Result measure(double speed, double exposure, bool trailing, int photons, double overlap, PhotonGauge gauge,
                Sweep sweep = Sweep::kLine, bool temporal = true) {
-  Scene scene;
   AnimatedTransform motion;
   motion.keyed = true;
   motion.translation = {{-4, 4}, {Vec3d{-4 * speed, 0, 0}, Vec3d{4 * speed, 0, 0}}, Interpolation::kLinear};
-  scene.nodes.push_back({-1, motion, "wave", 1.0f});
-  scene.nodes.push_back(
-      {-1, AnimatedTransform(Affine3d(look_at(Vec3f{0, 0, 3}, Vec3f{0, 0, 0}, Vec3f{0, 1, 0}))), "light", 1.0f});
-  const auto add = [&](Mesh mesh, MaterialPtr material, int node) {
-    scene.shapes.push_back({std::move(mesh), std::move(material), std::nullopt, "", ""});
-    scene.groups.push_back({int(scene.shapes.size()) - 1});
-    scene.instances.push_back({int(scene.groups.size()) - 1, node, "shape", true});
-  };
-  DielectricParams water;
-  water.int_ior = float(kIndex), water.ext_ior = 1;
-  add(wave_mesh(), make_dielectric(water), 0);
-  Mesh ground = make_rectangle();
-  for (Vec3f& p : ground.positions) p *= 3.0f;
-  add(ground, make_diffuse(0.8f), -1);
-  PunctualLight light;
-  light.type = LightType::kDirectional;
-  light.intensity = Rgb(1.0f);
-  light.node = 1;
-  scene.lights.push_back(light);
-  Camera camera;  // whose pixels are as large as cells
-  camera.projection = Projection::kOrthographic;
-  camera.node = 1;
-  camera.width = 2.0f;
-  scene.cameras.push_back(camera);
+  const Scene scene = test::lit_ground(wave_mesh(), kIndex, motion, 0, 2, 3);  // pixels are as large as cells
 
   RenderSettings settings;
   settings.width = settings.height = kCells;

@@ -18,21 +18,35 @@ constexpr int kSamples = 4;          ///< of a pixel
 constexpr int kPhotons = 20000;      ///< of a frame
 constexpr float kNoticeable = 0.2f;  ///< part of a pixel's light
 
-/// Traces photons of an exposure and makes a map of each piece.
+/// Traces photons of an exposure, `count` in all, and makes maps of them if they are asked for.
 PhotonCounts trace_photons(const FrameContext& frame, const PhotonOptions& options, std::int64_t count, int max_depth,
                            PhotonLight* light) {
+  constexpr std::int64_t kTogether = 4096;
   PhotonCounts counts;
   const TimeSpan exposure = frame.settings.clock.exposure(frame.frame);
   const std::vector<ExposurePiece> pieces = exposure_pieces_of(frame);
   for (std::size_t i = 0; i < pieces.size(); ++i) {
     const FrameContext& piece = *pieces[i].context;
-    const PhotonTracer tracer(piece, options, pieces[i].span, 0, count, max_depth);
-    std::vector<Photon> photons;
-    std::uint64_t rays = 0;
-    for (std::int64_t k = 0; k < tracer.photons(); ++k) tracer.trace(k, photons, counts, rays);
-    if (light)
-      light->add(i,
-                 PhotonMap(tracer, std::move(photons), piece.classifier, piece.rays, needs_instants(frame, exposure)));
+    const auto sets = int(options.instants_of(pieces[i].span).size());
+    for (int set = 0; set < sets; ++set) {
+      const PhotonTracer tracer(piece, options, pieces[i].span, set, count / sets, max_depth);
+      const std::int64_t parts = (tracer.photons() + kTogether - 1) / kTogether;
+      std::vector<std::vector<Photon>> photons(parts);
+      std::vector<PhotonCounts> part_counts(parts);
+      parallel_for(0, parts, [&](std::int64_t part) {
+        std::uint64_t rays = 0;
+        const std::int64_t end = std::min(tracer.photons(), (part + 1) * kTogether);
+        for (std::int64_t k = part * kTogether; k < end; ++k) tracer.trace(k, photons[part], part_counts[part], rays);
+        if (!light) photons[part].clear();
+      });
+      std::vector<Photon> all;
+      for (std::int64_t part = 0; part < parts; ++part) {
+        counts += part_counts[part];
+        all.insert(all.end(), photons[part].begin(), photons[part].end());
+      }
+      if (!light) continue;
+      light->add(i, PhotonMap(tracer, std::move(all), piece.classifier, piece.rays, needs_instants(frame, exposure)));
+    }
   }
   return counts;
 }

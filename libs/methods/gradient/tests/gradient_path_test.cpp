@@ -338,16 +338,7 @@ INSTANTIATE_TEST_SUITE_P(
                s.scene.lights[0].name = "spot";
                return with_photons(s, ",photon_lights=spot");
              }},
-        Case{"photons_of_a_sky",
-             [] {
-               BoxShot s(kWhite, glass());
-               Environment e;
-               e.width = 32, e.height = 16;
-               e.image.assign(512, Rgb(0.1f));
-               e.image[4 * 32 + 9] = Rgb(200.0f);
-               s.scene.environments.push_back(e);
-               return with_photons(s);
-             }},
+        Case{"photons_of_a_sky", [] { return with_photons(BoxShot(kWhite, glass()).sky_with_a_sun()); }},
         Case{"roulette",
              [] {
                BoxShot s = BoxShot(kWhite, kWhite).area_light();

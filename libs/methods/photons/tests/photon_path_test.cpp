@@ -106,17 +106,7 @@ INSTANTIATE_TEST_SUITE_P(
                            shot.scene.bend_normals = false;
                            return shot;
                          }},
-                    Case{"environment_with_a_sun",
-                         [] {
-                           BoxShot shot(kWhite, glass());
-                           Environment e;
-                           e.width = 32, e.height = 16;
-                           e.image.assign(512, Rgb(0.1f));
-                           e.image[4 * 32 + 9] = Rgb(200.0f);
-                           shot.scene.environments.push_back(e);
-                           return shot;
-                         },
-                         512},
+                    Case{"environment_with_a_sun", [] { return BoxShot(kWhite, glass()).sky_with_a_sun(); }, 512},
                     Case{"sky_is_left_to_paths", [] { return BoxShot(kWhite, glass()).sky().area_light(); }}),
     [](const auto& c) { return std::string(c.param.name); });
 

@@ -46,8 +46,8 @@ struct PhotonOptions {
 
   /// Photons that are emitted for a frame, about.
   std::int64_t photons_for(const RenderSettings& settings) const;
-  /// Footprints over a point of the light of a lamp that sends n photons through what focuses light: area and number shrink and grow together, so that
-  /// both bias and noise fall.
+  /// Footprints over a point of the light of a lamp that sends n photons to what focuses light: with more photons their
+  /// number grows and their area shrinks, so that both bias and noise fall.
   double overlap_of(std::int64_t n) const;
   /// The instants within an exposure at which photons of a pass are traced, s. `whole`: as reach_of has it.
   std::vector<double> instants_of(const TimeSpan& exposure, int pass = 0, bool whole = false) const;

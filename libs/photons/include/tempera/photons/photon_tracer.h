@@ -41,8 +41,7 @@ class PhotonTracer {
  public:
   /// `exposure`: of the piece, `piece`: its context, which must outlive this. `set`: which of the instants of the exposure
   /// (PhotonOptions::instants_of); each has photons of its own, and so has each `pass` of PhotonOptions::passes.
-  /// `whole`: whether photons of each pass stand for the whole exposure.
-  /// `photons`: about as many are emitted.
+  /// `whole`: whether photons of each pass stand for the whole exposure. `photons`: about as many are emitted.
   PhotonTracer(const FrameContext& piece, const PhotonOptions& options, TimeSpan exposure, int set,
                std::int64_t photons, int max_depth, int pass = 0, bool whole = false);
 
@@ -97,7 +96,7 @@ class PhotonTracer {
   const FrameContext& context_;
   PhotonOptions options_;
   TimeSpan exposure_;
-  int set_;       ///< of all of all passes
+  int set_;       ///< counted through all passes
   double scale_;  ///< of the footprints' area
   double instant_;
   KernelSettings kernel_;
