@@ -174,9 +174,8 @@ void GradientTile::sample_pixel(const FrameContext& context, const GradientOptio
     std::fill(apart.begin(), apart.end(), Rgb(0.0f));
     ShiftObserver<kByClass> shifts(now, options.path, options.roughness_threshold, camera, neighbours, classes,
                                    gathered_, apart);
-    SampleResult r = trace_path(now, options.path, camera, film_.sample_classes(), film_.features(), shifts,
+    const SampleResult r = trace_path(now, options.path, camera, film_.sample_classes(), film_.features(), shifts,
                                 film_.chains(), gathered_);
-    r.gathered = shifts.apart();
     rays += r.rays + shifts.rays();
     shadow_rays += r.shadow_rays;
     bool finite = true;

@@ -219,7 +219,6 @@ void ShiftObserver<kByClass>::extend(const Extension& e) {
       lose(o, base, 1 / base_weight);
       continue;
     }
-    if constexpr (kByClass) o.connected |= o.state != Offset::kFree || connects(o.vertex, e.sample.delta);
     if (o.state != Offset::kFree) {
       extend_shared(e, base, base_weight, o);
     } else if (connects(e.from, e.sample.delta) && connects(o.vertex, false) && connects_to(e.to)) {
@@ -237,8 +236,9 @@ void ShiftObserver<kByClass>::extend(const Extension& e) {
 }
 
 template <bool kByClass>
-void ShiftObserver<kByClass>::gather(const Vertex& at, std::span<const GatheredLight::Arrival> arrivals, bool coarse,
-                                     int most_edges) {
+void ShiftObserver<kByClass>::gather(const Vertex& at, std::span<const GatheredLight::Arrival> arrivals,
+                                     [[maybe_unused]] const Rgb& found, [[maybe_unused]] bool first,
+                                     [[maybe_unused]] bool coarse, [[maybe_unused]] int most_edges) {
   if constexpr (kByClass) {
     const auto add = [&](const WeightedStates& states, const Rgb& c, const GatheredLight::Arrival& a,
                          std::span<Rgb> classes) {
@@ -253,30 +253,29 @@ void ShiftObserver<kByClass>::gather(const Vertex& at, std::span<const GatheredL
         add(o.by_class.states, c, a, o.by_class.classes);
       }
     };
-    // Both ends of a pair have to agree whether it is compared at all.
-    const auto is_lost = [](const Offset& o) { return o.state == Offset::kDead || !o.connected; };
+    if (first) {
+      apart_ = found;
+      if (by_class_.classes.empty()) return;
+      for (const GatheredLight::Arrival& a : arrivals)
+        add(by_class_.states, beta_ * scattered(at, a), a, by_class_.classes);
+      return;
+    }
     for (const GatheredLight::Arrival& a : arrivals) {
       const Rgb base = beta_ * scattered(at, a);
-      if (!connected_) {
-        apart_ += base;
-        add(by_class_.states, base, a, by_class_.classes);
-        continue;
-      }
       for (Offset& o : offsets_) {
         if (o.state == Offset::kOutside) continue;
-        const Rgb c = base * (is_lost(o) ? -1.0f : -1 / (1 + sqr(o.rho)));
+        const Rgb c = base * (o.state == Offset::kDead ? -1.0f : -1 / (1 + sqr(o.rho)));
         o.g += c;
         add(by_class_.states, c, a, o.by_class.classes);
       }
     }
-    if (!connected_) return;
     for (Offset& o : offsets_) {
       if (o.state == Offset::kJoined) add_offset(o, at, arrivals);
       if (o.state == Offset::kFresh) add_offset(o, o.vertex, arrivals);
     }
     // Asking again ends the life of `arrivals`.
     for (Offset& o : offsets_) {
-      if (o.state == Offset::kFree && o.connected)
+      if (o.state == Offset::kFree)
         add_offset(o, o.vertex, gathered_->arriving(o.vertex, camera_.time, camera_.index, coarse, most_edges));
     }
   }

@@ -39,7 +39,6 @@ struct OffsetPath {
   float rho = 1;
   float roulette = 1, eta2 = 1;  ///< what Russian roulette looks at
   Vertex vertex;                 ///< kFree, kFresh: the current one, seen from this path's previous vertex
-  bool connected = false;        ///< a surface that connects was met
   Rgb g;
   [[no_unique_address]] std::conditional_t<kByClass, ClassesOfPath, NoClasses> by_class;
 };
@@ -80,17 +79,15 @@ class ShiftObserver {
   /// Of a rare path, radiance and contributions to the differences from before it became one.
   const Rgb& common_radiance() const { return common_radiance_; }
   const Rgb& common_g(std::size_t j) const { return common_g_[j]; }
-  /// The part of the radiance that stays out of the differences: gathered light that is seen directly or by lobes too
-  /// narrow to connect to.
-  const Rgb& apart() const { return apart_; }
   std::uint64_t rays() const { return rays_; }
 
   void start(const Vertex* first, const Rgb& emitted);
   void next_event(const Vertex& at, const LightSample& light, const BsdfEval& f, float visible);
   void extend(const Extension& edge);
-  /// Gathered light that a path finds behind a surface that connects is compared as a lamp's would be that its BSDF
-  /// samples alone find. The rest stays apart: pixels beside each other gather it from the same photons.
-  void gather(const Vertex& at, std::span<const GatheredLight::Arrival> arrivals, bool coarse, int most_edges);
+  /// Gathered light behind the first surface is compared as a lamp's would be that BSDF samples alone find. That on the
+  /// first surface stays out of the differences: pixels beside each other gather it from the same photons.
+  void gather(const Vertex& at, std::span<const GatheredLight::Arrival> arrivals, const Rgb& found, bool first,
+              bool coarse, int most_edges);
 
  private:
   using Offset = OffsetPath<kByClass>;
@@ -139,7 +136,7 @@ class ShiftObserver {
   const GatheredLight* gathered_ = nullptr;
   std::span<const char> owned_lights_;
   Rgb owned_;  ///< of what the base path's last edge leads to
-  Rgb apart_;
+  Rgb apart_;  ///< radiance that stays out of the differences
   std::array<OffsetPath<kByClass>, 4> offsets_;
   std::uint64_t rays_ = 0;
   bool connected_ = false, rare_ = false;  ///< connected_: a surface that connects was met

@@ -95,7 +95,7 @@ LayerDesc color_a();         ///< "color.a" R,G,B: mean of the even samples, ind
 LayerDesc color_b();         ///< "color.b" R,G,B: mean of the odd samples
 LayerDesc color_variance();  ///< "color.var" R,G,B: variance of color, which is a mean, from these halves
 LayerDesc
-photon_color();  ///< "photon.color" R,G,B: the part of color that photons light, seen without a diffuse reflection
+photon_color();  ///< "photon.color" R,G,B: the part of color that photons light on first surfaces
 LayerDesc photon_a();        ///< "photon.color.a" R,G,B: the part of color.a
 LayerDesc photon_b();        ///< "photon.color.b" R,G,B: the part of color.b
 LayerDesc color_common();    ///< "color.common" R,G,B: of a reconstruction, without the light of rare paths

@@ -59,7 +59,7 @@ struct FirstHit {
 /// One sample of a pixel.
 struct SampleResult {
   Rgb radiance;
-  Rgb gathered;  ///< the part of it that GatheredLight found, seen without a diffuse reflection
+  Rgb gathered;  ///< the part of it that GatheredLight found on the first surface
   float alpha = 0;
   FirstHit first;
   std::uint32_t rays = 0, shadow_rays = 0;
@@ -310,9 +310,10 @@ struct NoObserver {
   /// Light was sampled at a vertex: f with its density, and the fraction that gets there. Radiance and f may be black.
   void next_event(const Vertex& /*at*/, const LightSample& /*light*/, const BsdfEval& /*f*/, float /*visible*/) {}
   void extend(const Extension& /*edge*/) {}
-  /// Light of a GatheredLight arrived at a vertex; it was asked for with `coarse` and `most_edges`.
-  void gather(const Vertex& /*at*/, std::span<const GatheredLight::Arrival> /*arrivals*/, bool /*coarse*/,
-              int /*most_edges*/) {}
+  /// Light of a GatheredLight arrived at a vertex, the first one of the path or another, which sends the radiance `found`
+  /// along the path; it was asked for with `coarse` and `most_edges`.
+  void gather(const Vertex& /*at*/, std::span<const GatheredLight::Arrival> /*arrivals*/, const Rgb& /*found*/,
+              bool /*first*/, bool /*coarse*/, int /*most_edges*/) {}
 };
 
 /// Traces one path. `classes`: empty, or one entry for each class and one for paths of none. `chains`: null, or what
@@ -427,8 +428,8 @@ SampleResult trace_path(const FrameContext& context, const PathOptions& options,
     if (gathered_light && v.bsdf.has_non_delta()) {
       const auto arrivals = gathered_light->arriving(v, time, camera.index, blurred, options.max_depth - edges);
       const Rgb found = tally.add_gathered(states, beta, v, arrivals);
-      if (!blurred) result.gathered += found;
-      observer.gather(v, arrivals, blurred, options.max_depth - edges);
+      if (index == 0) result.gathered = found;
+      observer.gather(v, arrivals, found, index == 0, blurred, options.max_depth - edges);
     }
 
     // Next-event estimation. Each event's share goes to the class that it leads to. [Zimmer 2015, Sec. 3]
