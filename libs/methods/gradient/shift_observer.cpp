@@ -260,11 +260,14 @@ void ShiftObserver<kByClass>::gather(const Vertex& at, std::span<const GatheredL
         add(by_class_.states, beta_ * scattered(at, a), a, by_class_.classes);
       return;
     }
+    // Nothing is gathered where nothing is diffuse: from there the path back would not be compared with this one.
+    const auto gathers = [](const Offset& o) { return o.state == Offset::kFree && o.vertex.bsdf.has_non_delta(); };
+    const auto is_shared = [](const Offset& o) { return o.state == Offset::kJoined || o.state == Offset::kFresh; };
     for (const GatheredLight::Arrival& a : arrivals) {
       const Rgb base = beta_ * scattered(at, a);
       for (Offset& o : offsets_) {
         if (o.state == Offset::kOutside) continue;
-        const Rgb c = base * (o.state == Offset::kDead ? -1.0f : -1 / (1 + sqr(o.rho)));
+        const Rgb c = base * (is_shared(o) || gathers(o) ? -1 / (1 + sqr(o.rho)) : -1.0f);
         o.g += c;
         add(by_class_.states, c, a, o.by_class.classes);
       }
@@ -275,7 +278,7 @@ void ShiftObserver<kByClass>::gather(const Vertex& at, std::span<const GatheredL
     }
     // Asking again ends the life of `arrivals`.
     for (Offset& o : offsets_) {
-      if (o.state == Offset::kFree)
+      if (gathers(o))
         add_offset(o, o.vertex, gathered_->arriving(o.vertex, camera_.time, camera_.index, coarse, most_edges));
     }
   }

@@ -10,6 +10,7 @@ namespace {
 /// pixels and channels of the standardised residual and of its square.
 struct Agreement {
   double z = 0, z2 = 0, largest = 0;
+  double slope = 0;  ///< of the differences of the pictures over these, which have less noise
   int n = 0;
 };
 
@@ -54,7 +55,7 @@ std::vector<Agreement> compare(const BoxShot& shot, int spp, int reference_spp,
   gradients.integrator = "gradient_path", reference.integrator = "path";
   gradients.settings.spp = spp;
   reference.settings.spp = reference_spp;
-  const bool photons = shot.parameters.find("caustics=photons") != std::string::npos;
+  const bool photons = classes[0].empty() && shot.parameters.find("caustics=photons") != std::string::npos;
   if (photons) reference.settings.layers.emplace_back("photon.color");
   for (const char* own : {",roughness_threshold", ",adaptive", ",class_gradients"}) {  // what path lacks stands last
     if (const auto at = reference.parameters.find(own); at != std::string::npos) reference.parameters.resize(at);
@@ -72,6 +73,7 @@ std::vector<Agreement> compare(const BoxShot& shot, int spp, int reference_spp,
   for (std::size_t n = 0; n < classes.size(); ++n) {
     Agreement& a = result[n];
     const Estimate& color = all_colors[n];
+    double products = 0, squares = 0;
     for (const auto& [k, dx, dy] : {std::tuple{0, 1, 0}, {1, 0, 1}}) {
       const Estimate& g = all_g[2 * n + std::size_t(k)];
       for (int y = 0; y + dy < h; ++y) {
@@ -79,7 +81,9 @@ std::vector<Agreement> compare(const BoxShot& shot, int spp, int reference_spp,
           for (int c = 0; c < 3; ++c) {
             const std::size_t i = std::size_t((y * w + x) * 3 + c), j = std::size_t(((y + dy) * w + x + dx) * 3 + c);
             const double variance = g.variance[i] + color.variance[i] + color.variance[j];
-            const double residual = g.mean[i] - (color.mean[j] - color.mean[i]);
+            const double difference = color.mean[j] - color.mean[i], residual = g.mean[i] - difference;
+            products += g.mean[i] * difference;
+            squares += sqr(g.mean[i]) - g.variance[i];
             if (variance == 0 && residual == 0) continue;  // the class has no light here
             const double z = residual / std::sqrt(variance + 1e-12);
             a.z += z, a.z2 += z * z, ++a.n;
@@ -88,6 +92,7 @@ std::vector<Agreement> compare(const BoxShot& shot, int spp, int reference_spp,
         }
       }
     }
+    a.slope = products / squares;
     a.z /= a.n;
     a.z2 /= a.n * double(kRuns - 1) / (kRuns - 3);  // squares of Student's t with kRuns - 1 degrees of freedom
   }
@@ -194,6 +199,35 @@ TEST(GradientPath, PictureIsThatOfPath) {
   BoxShot gradients = shot;
   gradients.integrator = "gradient_path";
   EXPECT_EQ(values(shot.render().layer("color")), values(gradients.render().layer("color")));
+}
+
+// Differences of light that photons find, apart from all other light: none of what is seen directly, and those of pictures for
+// what mirrors, glass and diffuse surfaces show of it.
+TEST(ClassGradients, OfPhotonsAreTheDifferencesOfTheirPictures) {
+  for (const bool mirror : {false, true}) {
+    SCOPED_TRACE(mirror ? "mirror" : "diffuse");
+    BoxShot shot =
+        with_photons(BoxShot(mirror ? make_conductor({}) : kWhite, glass()).area_light(), ",class_gradients=true");
+    shot.settings.width = 16, shot.settings.height = 14;
+    shot.settings.classes = {{"first", "ED[RT]+"}, {"shown", "E[RT]+D[RT]+"}, {"bounced", "ED+D[RT]+"}};
+    const std::vector<std::string> names{"shown", "bounced"};
+    const std::vector<Agreement> all = compare(shot, 1024, 4096, names);
+    for (std::size_t k = 0; k < names.size(); ++k) {
+      const Agreement& a = all[k];
+      std::printf("%s: mean z %.3f, mean z^2 %.3f, slope %.3f\n", names[k].c_str(), a.z, a.z2, a.slope);
+      EXPECT_NEAR(a.z2, 1, 0.4) << names[k];
+      EXPECT_NEAR(a.z, 0, 0.15) << names[k];
+      EXPECT_NEAR(a.slope, 1, 0.2) << names[k];
+    }
+    shot.integrator = "gradient_path";
+    shot.settings.spp = 16;
+    const Frame frame = shot.render();
+    for (const char* layer : {"class.first.grad.x", "class.first.grad.y"}) {
+      for (const float v : values(frame.layer(layer))) ASSERT_EQ(v, 0) << layer;
+    }
+    EXPECT_EQ(values(frame.layer("class.first.photon.color")), values(frame.layer("class.first.color")));
+    EXPECT_EQ(values(frame.layer("class.first.photon.color")), values(frame.layer("photon.color")));
+  }
 }
 
 TEST(GradientPath, PhotonsAreThoseOfPathAndKeptApart) {

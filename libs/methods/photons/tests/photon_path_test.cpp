@@ -317,6 +317,21 @@ TEST(Photons, ChoiceOfLightsLeavesTheOthersToPaths) {
   shot.add(quad({0.6f, 0.97f, 0.5f}, {0.25f, 0, 0}, {0, 0, 0.25f}), make_diffuse(0.2f)).emission =
       AreaEmission{Slot(Rgb{1, 5, 1}), false};
   expect_agreement(shot, 0, 256, 64, 0.06, ",photon_lights=shape7");
+  // Light of the others is of its class alone, too.
+  BoxShot parts = shot;
+  parts.settings.spp = 8;
+  parts.settings.classes = {{"caustic", "ED[RT]+"}, {"direct", "ED"}};
+  parts.settings.classes_are_decomposition = true;
+  parts.settings.layers = {"color", "color.a", "color.b"};
+  parts.integrator = "temporal_photon";
+  parts.parameters += ",photon_lights=shape7";
+  const Frame f = parts.render();
+  for (int y = 0; y < f.height(); ++y) {
+    for (int x = 0; x < f.width(); ++x) {
+      const Rgb halves = (f.layer("color.a").rgb(x, y) + f.layer("color.b").rgb(x, y)) * 0.5f;  // summed up apart
+      EXPECT_NEAR(luminance(f.layer("color").rgb(x, y)), luminance(halves), 1e-4) << x << " " << y;
+    }
+  }
   shot.integrator = "temporal_photon";
   shot.parameters += ",photon_lights=shape";
   try {
